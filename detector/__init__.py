@@ -1,0 +1,1 @@
+"""Sensor, feature extraction and pose."""

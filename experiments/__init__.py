@@ -1,0 +1,1 @@
+"""Scenario to verdict: the studies and the command line."""

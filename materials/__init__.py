@@ -1,0 +1,1 @@
+"""Reflectance of tape, absorber, paint and foil: one definition each, for the budget and for the renderer."""

@@ -1,0 +1,1 @@
+"""Closed-form physics: spectra, sources, optics, link budget, closure, and the thesis as printed."""

@@ -1,0 +1,1 @@
+"""Marker and target geometry, lights, transport rendering, EXR in and out."""

@@ -1,0 +1,250 @@
+"""Geometry of the Mantis Marker: an ArUco square with an encoding element along each side. Pure numpy and OpenCV.
+
+An encoding element is a slotted cavity whose floor is retroreflective. Its slats, and its end walls, converge on a
+*virtual line* that runs parallel to the slats at a depth behind the front plane; only where a slat plane holds the
+viewer does the lit floor show, so the bright blob moves as if it were that line seen through the plane.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Annotated
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+
+FloatArray = NDArray[np.float64]
+Mesh = tuple[FloatArray, NDArray[np.uint32]]
+ELEMENT_NAMES = ("top", "right", "bottom", "left")
+
+Fraction = Annotated[float, Field(gt=0, lt=1, allow_inf_nan=False)]
+
+
+@dataclass(frozen=True)
+class Element:
+    """One encoding element in the marker frame [m].
+
+    The blob moves along `along`; slats and virtual line run along `across`. The virtual line passes through
+    ``virtual_offset_m * along − virtual_depth_m * z``, parallel to `across`.
+    """
+
+    name: str
+    centre_m: FloatArray
+    along: FloatArray
+    across: FloatArray
+    length_m: float
+    width_m: float
+    depth_m: float
+    virtual_offset_m: float
+    virtual_depth_m: float
+
+    def blob_offset_m(self, camera_in_marker_m: FloatArray) -> FloatArray:
+        """Coordinate of the blob along the element, measured from the marker's centre [m].
+
+        The plane through the camera (..., 3) and the virtual line cuts the front plane z = 0 there:
+        u = u₀ + (C·along − u₀) V / (V + C_z).
+        """
+        camera = np.asarray(camera_in_marker_m, float)
+        travel = camera @ self.along - self.virtual_offset_m
+        return self.virtual_offset_m + travel * self.virtual_depth_m / (self.virtual_depth_m + camera[..., 2])
+
+
+class MarkerDesign(BaseModel):
+    """A Mantis Marker. Fractions are of the ArUco side unless stated."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    size_m: Annotated[float, Field(gt=0, le=10, allow_inf_nan=False)] = Field(0.10, description="side of the marker [m]")
+    dictionary: str = Field("4X4_50", description="OpenCV dictionary without its DICT_ prefix")
+    identity: int = Field(0, ge=0, description="index in the dictionary")
+    aruco_fraction: Fraction = Field(0.525, description="ArUco side over marker side, black border included")
+    ring_fraction: Fraction = Field(0.12, description="width of the reflective ring around the ArUco")
+    gap_fraction: Fraction = Field(0.17, description="from the ArUco's side to the element's opening")
+    element_length_fraction: Fraction = Field(0.95, description="length of an element's opening")
+    element_width_fraction: Fraction = Field(0.20, description="width of an element's opening")
+    element_depth_fraction: Fraction = Field(0.10, description="depth of the cavity over element length")
+    slit_count: int = Field(25, ge=3, le=400, description="slits of one element")
+    slat_fraction: Fraction = Field(0.20, description="slat thickness over slit pitch")
+    virtual_depth_fraction: Fraction = Field(0.50, description="depth of the virtual line over element length")
+    virtual_offset_fraction: Annotated[float, Field(ge=0, lt=0.5)] = Field(
+        0.25, description="virtual line off the element's centre, over element length"
+    )
+
+    def model_post_init(self, _: object) -> None:
+        if f"DICT_{self.dictionary}" not in dir(cv2.aruco):
+            raise ValueError(f"dictionary: {self.dictionary!r} is not one of OpenCV's (say '4X4_50' or 'APRILTAG_36h11')")
+        if self.identity >= len(self._dictionary.bytesList):
+            raise ValueError(f"identity: {self.identity}, but {self.dictionary} has {len(self._dictionary.bytesList)}")
+        reach = 0.5 + self.gap_fraction + self.element_width_fraction
+        if reach * self.aruco_fraction > 0.5:
+            raise ValueError(f"elements reach {reach * self.aruco_fraction:.3f} of the marker's side from its centre; at most 0.5")
+        if self.ring_fraction > self.gap_fraction:
+            raise ValueError(f"ring_fraction: {self.ring_fraction} exceeds gap_fraction {self.gap_fraction}")
+        if self.element_depth_fraction >= self.virtual_depth_fraction:
+            raise ValueError("element_depth_fraction must be smaller than virtual_depth_fraction: slats meet at the virtual line")
+
+    @property
+    def _dictionary(self) -> cv2.aruco.Dictionary:
+        return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{self.dictionary}"))
+
+    @property
+    def aruco_m(self) -> float:
+        """Side of the ArUco square, black border included [m]."""
+        return self.aruco_fraction * self.size_m
+
+    @cached_property
+    def bits(self) -> NDArray[np.bool_]:
+        """Printed pattern with its black border, (n, n), row 0 on top; True is reflective."""
+        cells = self._dictionary.markerSize + 2
+        return self._dictionary.generateImageMarker(self.identity, cells, borderBits=1) > 127
+
+    @property
+    def bit_m(self) -> float:
+        """Side of one printed cell [m]."""
+        return self.aruco_m / len(self.bits)
+
+    @property
+    def element_length_m(self) -> float:
+        """Length of an element's opening [m]."""
+        return self.element_length_fraction * self.aruco_m
+
+    @property
+    def element_depth_m(self) -> float:
+        """Depth of an element's cavity below the front plane [m]."""
+        return self.element_depth_fraction * self.element_length_m
+
+    @property
+    def thickness_m(self) -> float:
+        """Front plane to mounting plane [m]: the cavity and a tenth of it as a back wall."""
+        return 1.1 * self.element_depth_m
+
+    @cached_property
+    def corners_m(self) -> FloatArray:
+        """Corners of the ArUco square, (4, 3): top left first, clockwise as seen [m]."""
+        h = self.aruco_m / 2
+        return np.array([[-h, h, 0], [h, h, 0], [h, -h, 0], [-h, -h, 0]])
+
+    @cached_property
+    def elements(self) -> tuple[Element, Element, Element, Element]:
+        """Top, right, bottom and left element. Opposite elements have their virtual lines off centre to opposite sides."""
+        width = self.element_width_fraction * self.aruco_m
+        offset = self.virtual_offset_fraction * self.element_length_m
+        radius = self.aruco_m * (0.5 + self.gap_fraction) + width / 2
+        x, y = np.array([1.0, 0, 0]), np.array([0, 1.0, 0])
+        placed = ((radius * y, x, y, offset), (radius * x, y, x, offset), (-radius * y, x, y, -offset), (-radius * x, y, x, -offset))
+        top, right, bottom, left = (
+            Element(
+                name, centre, along, across, self.element_length_m, width, self.element_depth_m, u0,
+                self.virtual_depth_fraction * self.element_length_m,
+            )
+            for name, (centre, along, across, u0) in zip(ELEMENT_NAMES, placed, strict=True)
+        )  # fmt: skip
+        return top, right, bottom, left
+
+    @cached_property
+    def virtual_points_m(self) -> dict[str, FloatArray]:
+        """Where the virtual lines of one horizontal and one vertical element cross, by 'top_right' and so on, (3,) [m]."""
+        top, right, bottom, left = self.elements
+        return {
+            f"{h.name}_{v.name}": np.array([h.virtual_offset_m, v.virtual_offset_m, -h.virtual_depth_m])
+            for h, v in ((top, right), (top, left), (bottom, right), (bottom, left))
+        }
+
+    def white_bit_centres_m(self) -> FloatArray:
+        """Centres of the reflective cells inside the border, (n, 3) [m]."""
+        return self._bit_centres(self.bits)
+
+    def black_bit_centres_m(self) -> FloatArray:
+        """Centres of the absorbing cells beside a reflective one (four-neighbourhood), (n, 3) [m]."""
+        white = np.pad(self.bits, 1)
+        beside = white[:-2, 1:-1] | white[2:, 1:-1] | white[1:-1, :-2] | white[1:-1, 2:]
+        return self._bit_centres(~self.bits & beside)
+
+    def _bit_centres(self, mask: NDArray[np.bool_]) -> FloatArray:
+        row, column = np.nonzero(mask)
+        half = self.aruco_m / 2
+        return np.stack([(column + 0.5) * self.bit_m - half, half - (row + 0.5) * self.bit_m, 0.0 * row], axis=-1)
+
+    def plane_cells(self) -> Iterator[tuple[float, float, float, float, str]]:
+        """The front plane without the openings as rectangles (x0, x1, y0, y1, material) [m]."""
+        half, a = self.size_m / 2, self.aruco_m / 2
+        ring = a + self.ring_fraction * self.aruco_m
+        near = a + self.gap_fraction * self.aruco_m
+        far = near + self.element_width_fraction * self.aruco_m
+        end = self.element_length_m / 2
+        bit_edges = np.linspace(-a, a, len(self.bits) + 1)
+        edges = np.unique(np.round(np.concatenate([s * np.array([half, ring, near, far, end]) for s in (-1, 1)] + [bit_edges]), 12))
+        for x0, x1 in zip(edges[:-1], edges[1:], strict=True):
+            for y0, y1 in zip(edges[:-1], edges[1:], strict=True):
+                x, y = abs(x0 + x1) / 2, abs(y0 + y1) / 2
+                if (near < y < far and x < end) or (near < x < far and y < end):
+                    continue
+                material = "retro" if max(x, y) < ring else "absorber"
+                if max(x, y) < a:
+                    column, row = int(((x0 + x1) / 2 + a) / self.bit_m), int((a - (y0 + y1) / 2) / self.bit_m)
+                    material = "retro" if self.bits[row, column] else "absorber"
+                yield x0, x1, y0, y1, material
+
+    def reflective_rectangles_m(self) -> FloatArray:
+        """Tape on the front plane as rectangles (n, 4): x0, x1, y0, y1 [m]. All else of the plane absorbs."""
+        return np.array([cell[:4] for cell in self.plane_cells() if cell[4] == "retro"])
+
+    def meshes(self) -> dict[str, Mesh]:
+        """Triangles by material ('retro', 'absorber'): vertices (n, 3) [m] and faces (m, 3), wound outwards."""
+        parts: dict[str, list[FloatArray]] = {"retro": [], "absorber": []}
+        for x0, x1, y0, y1, material in self.plane_cells():
+            parts[material].append(_quad([(x0, y0, 0), (x1, y0, 0), (x1, y1, 0), (x0, y1, 0)], (0, 0, 1)))
+        for element in self.elements:
+            floor, slats = self._element_quads(element)
+            parts["retro"].append(floor)
+            parts["absorber"].extend(slats)
+        half, back = self.size_m / 2, -self.thickness_m
+        for nx, ny in ((1, 0), (0, 1), (-1, 0), (0, -1)):
+            (ax, ay), (bx, by) = (nx - ny, ny + nx), (nx + ny, ny - nx)
+            side = [(half * ax, half * ay, 0), (half * bx, half * by, 0), (half * bx, half * by, back), (half * ax, half * ay, back)]
+            parts["absorber"].append(_quad(side, (nx, ny, 0)))
+        return {material: _join(quads) for material, quads in parts.items()}
+
+    def _element_quads(self, e: Element) -> tuple[FloatArray, list[FloatArray]]:
+        """Floor, and the walls and slats, of one element."""
+        shrink = 1 - e.depth_m / e.virtual_depth_m  # every wall and slat converges on the virtual line
+        z, hv, t = np.array([0.0, 0.0, 1.0]), e.width_m / 2, e.depth_m
+
+        def at(u: float, v: float, depth: float) -> FloatArray:
+            """Marker-frame point; u from the element's centre at the front plane, carried down towards the line."""
+            if depth > 0:
+                u = e.virtual_offset_m + (u - e.virtual_offset_m) * shrink
+            return e.centre_m + u * e.along + v * e.across - depth * z
+
+        end = e.length_m / 2
+        floor = _quad([at(-end, -hv, t), at(end, -hv, t), at(end, hv, t), at(-end, hv, t)], z)
+        solid = []
+        for side in (-1.0, 1.0):
+            wall = [at(-end, side * hv, 0), at(end, side * hv, 0), at(end, side * hv, t), at(-end, side * hv, t)]
+            solid.append(_quad(wall, -side * e.across))
+        pitch = e.length_m / self.slit_count
+        for i in range(self.slit_count + 1):
+            centre = -end + i * pitch
+            low, high = max(centre - self.slat_fraction * pitch / 2, -end), min(centre + self.slat_fraction * pitch / 2, end)
+            solid.append(_quad([at(low, -hv, 0), at(high, -hv, 0), at(high, hv, 0), at(low, hv, 0)], z))
+            for u, outward in ((low, -1.0), (high, 1.0)):
+                solid.append(_quad([at(u, -hv, 0), at(u, hv, 0), at(u, hv, t), at(u, -hv, t)], outward * e.along))
+        return floor, solid
+
+
+def _quad(points: list, outward: object) -> FloatArray:
+    """Four corners (4, 3), reordered where needed so that they wind counter-clockwise as seen from outside."""
+    quad = np.asarray(points, float)
+    normal = np.cross(quad[1] - quad[0], quad[2] - quad[0])
+    return quad if normal @ np.asarray(outward, float) > 0 else quad[::-1]
+
+
+def _join(quads: list[FloatArray]) -> Mesh:
+    """Vertices (4n, 3) and triangles (2n, 3) of n quads."""
+    first = 4 * np.arange(len(quads), dtype=np.uint32)[:, None]
+    faces = np.concatenate([first + np.array([0, 1, 2], np.uint32), first + np.array([0, 2, 3], np.uint32)])
+    return np.concatenate(quads), faces
