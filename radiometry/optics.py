@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import BaseModel, ConfigDict, Field
 from scipy import constants
-from scipy.special import erf, ndtr
+from scipy.special import ndtr
 
 from radiometry.geometry import FloatArray
 from radiometry.spectrum import Spectrum
@@ -65,3 +65,93 @@ class Camera(BaseModel):
         x = (np.arange(self.width_px) - cx) / fx
         y = (np.arange(self.height_px) - cy) / fy
         return (1.0 + x**2 + y[:, None] ** 2) ** -2
+
+
+def electrons_per_joule(wavelength_nm: ArrayLike) -> FloatArray:
+    """Photons in one joule of light, λ/(hc) [J⁻¹]: electrons at a quantum efficiency of one."""
+    return np.asarray(wavelength_nm, float) * 1e-9 / (constants.h * constants.c)
+
+
+def etendue_m2_sr(camera: Camera) -> float:
+    """Area times solid angle of one pixel on the axis [m² sr]: A_pix · π/(4F²), the camera equation at infinity focus."""
+    return camera.pixel_area_m2 * np.pi / (4 * camera.f_number**2)
+
+
+def electron_responsivity(camera: Camera, transmission: Spectrum, quantum_efficiency: Spectrum) -> Spectrum:
+    """Electron rate per spectral radiance on the axis [e⁻ s⁻¹ / (W m⁻² sr⁻¹ nm⁻¹) nm⁻¹], sampled every 0.5 nm or finer.
+
+    A_pix · π/(4F²) · T_lens · T_filter(λ) · QE(λ) · λ/(hc). Its integral against L(λ) is the electron rate.
+    """
+    band = (transmission * quantum_efficiency).resampled(0.5)
+    rate = etendue_m2_sr(camera) * camera.lens_transmission * electrons_per_joule(band.wavelength_nm)
+    return Spectrum(band.wavelength_nm, band.values * rate)
+
+
+def wavelength_nodes(transmission: Spectrum, count: int = 4) -> tuple[int, ...]:
+    """Whole-nanometre wavelengths at which transport is rendered: Gauss–Legendre nodes of the passband, rounded.
+
+    Args:
+        transmission: filter curve; its support is the passband.
+        count: nodes, a multiple of four, for the renderer carries four wavelengths a ray.
+
+    Raises:
+        ValueError: when the count is not a multiple of four or the band is too narrow to hold distinct nodes.
+    """
+    if count < 4 or count % 4:
+        raise ValueError(f"wavelength nodes: {count}, expected a multiple of 4")
+    low, high = transmission.support_nm
+    nodes = tuple(int(n) for n in np.rint((low + high) / 2 + (high - low) / 2 * np.polynomial.legendre.leggauss(count)[0]))
+    if len(set(nodes)) < count:
+        raise ValueError(f"passband {low:g}-{high:g} nm is too narrow for {count} nodes of whole nanometres")
+    return nodes
+
+
+def node_weights(spectral_weight: Spectrum, nodes_nm: ArrayLike) -> FloatArray:
+    """Weights w_k such that Σ w_k T(λ_k) = ∫ w(λ) T(λ) dλ for every transport T that is a cubic through the nodes.
+
+    The weights integrate the Lagrange polynomials of the nodes against w(λ), so line emitters and filter edges are resolved
+    by the grid of w and not by the nodes. Interpolation is by groups of four: the four nodes nearest to each λ.
+
+    Args:
+        spectral_weight: w(λ), say emitter × responsivity.
+        nodes_nm: (n,) increasing wavelengths, n ≥ 4.
+    """
+    nodes = np.asarray(nodes_nm, float)
+    wavelength, value = spectral_weight.wavelength_nm, spectral_weight.values
+    step = np.diff(wavelength)
+    trapezoid = np.concatenate([[step[0]], step[:-1] + step[1:], [step[-1]]]) / 2
+    first = np.clip(np.searchsorted(nodes, wavelength) - 2, 0, len(nodes) - 4)
+    weights = np.zeros(len(nodes))
+    for j in range(4):
+        basis = np.ones_like(wavelength)
+        for m in range(4):
+            if m != j:
+                basis *= (wavelength - nodes[first + m]) / (nodes[first + j] - nodes[first + m])
+        np.add.at(weights, first + j, trapezoid * value * basis)
+    return weights
+
+
+def pixel_profile_integral(x_px: ArrayLike, psf_sigma_px: float, window_px: float = 0.0) -> FloatArray:
+    """Response of a pixel at x = 0 to a half plane that is bright at positions below x [px], between 0 and 1.
+
+    The pixel is a unit box, the point spread a Gaussian, and where the pixel's own position is uniform over a window of
+    width `window_px`, that is a further box. The cumulative of box ⊗ box ⊗ Gaussian, in closed form.
+    """
+    x = np.asarray(x_px, float)
+    sigma = max(psf_sigma_px, 1e-6)
+
+    def second_integral(t: FloatArray) -> FloatArray:  # ∫∫ of the Gaussian density
+        z = t / sigma
+        return sigma * (z * ndtr(z) + np.exp(-0.5 * z**2) / np.sqrt(2 * np.pi))
+
+    if window_px <= 0:
+        return second_integral(x + 0.5) - second_integral(x - 0.5)
+
+    def third_integral(t: FloatArray) -> FloatArray:
+        z = t / sigma
+        gauss = np.exp(-0.5 * z**2) / np.sqrt(2 * np.pi)
+        return 0.5 * sigma**2 * ((z**2 + 1) * ndtr(z) + z * gauss)
+
+    half = window_px / 2
+    corners = ((0.5 + half, 1), (0.5 - half, -1), (-0.5 + half, -1), (-0.5 - half, 1))
+    return sum(sign * third_integral(x + shift) for shift, sign in corners) / window_px

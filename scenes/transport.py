@@ -1,0 +1,263 @@
+"""Transport rendering: what the camera would see of each light at unit strength, at a few fixed wavelengths.
+
+Light transport is linear, so one basis image per light and wavelength serves every power, spectrum, filter and exposure. The
+renderer is direct light only (indirect light adds up to 0.7 % in the Sun and 0.02 % in the LEDs' light): one jittered ray per
+sub-pixel, one light sample per ray, then a fixed point-spread ⊗ pixel kernel, so that neighbouring pixels share their rays.
+
+Units: the LED basis is radiance per unit on-axis intensity of the whole ring [m⁻²], the Sun's is radiance per unit irradiance
+square to the Sun [sr⁻¹]. The renderer's own scene is in millimetres, for its ray offsets would swallow the slits in metres.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from materials import library
+from radiometry.geometry import FloatArray, attitude_matrix, sun_direction
+from radiometry.optics import Camera, pixel_profile_integral
+from radiometry.sources import LedRing, Sun
+from scenes.marker import MarkerDesign
+from scenes.target import Target, face_mesh
+
+MM_PER_M = 1000.0
+LIGHTS = ("led", "sun")
+UNITS = {"led": "m-2", "sun": "sr-1"}
+
+# Irrational strides of the sub-pixel lattice (Roberts' R2 sequence and the golden ratio): a lattice point set per sub-pixel
+# row and column fills jitter and light choice evenly, which random numbers do not.
+_GOLDEN, _R2X, _R2Y = 0.6180339887498949, 0.7548776662466927, 0.5698402909980532
+
+
+@dataclass(frozen=True)
+class View:
+    """One geometry to be rendered: everything that changes transport, and nothing else."""
+
+    camera: Camera
+    marker: MarkerDesign
+    target: Target
+    leds: LedRing
+    sun: Sun
+    range_m: float
+    nodes_nm: tuple[int, ...]
+
+    @cached_property
+    def rotation(self) -> FloatArray:
+        """Marker -> camera, (3, 3)."""
+        return attitude_matrix(*np.radians([self.target.pitch_deg, self.target.yaw_deg, self.target.roll_deg]))
+
+    @cached_property
+    def translation_m(self) -> FloatArray:
+        """Marker's origin in the camera frame, (3,) [m]: on the optical axis at the range."""
+        return np.array([0.0, 0.0, self.range_m])
+
+    @cached_property
+    def sun_in_marker(self) -> FloatArray:
+        """Unit vector target -> Sun in the marker frame, (3,)."""
+        return self.rotation.T @ sun_direction(np.radians(self.sun.phase_deg), np.radians(self.sun.azimuth_deg))
+
+    def to_marker(self, points_camera_m: FloatArray) -> FloatArray:
+        """Points (..., 3) of the camera frame in the marker frame [m]."""
+        return (points_camera_m - self.translation_m) @ self.rotation
+
+    def to_image(self, points_marker_m: FloatArray) -> FloatArray:
+        """Image positions (..., 2) [px] of points (..., 3) of the marker frame [m]."""
+        return self.camera.project(points_marker_m @ self.rotation.T + self.translation_m)
+
+
+@dataclass(frozen=True)
+class Quality:
+    """How densely a view is sampled.
+
+    Attributes:
+        frame_samples: sub-pixels along one side of a pixel, outside the marker.
+        marker_rays: rays spent on the marker's surroundings; the sub-pixels follow from it and the marker's size in pixels.
+        seed: of the sub-pixel jitter.
+    """
+
+    frame_samples: int = 2
+    marker_rays: int = 2_000_000
+    seed: int = 1
+
+
+@dataclass(frozen=True)
+class Region:
+    """A rectangle of whole pixels and the sub-pixels along one side of each."""
+
+    x0: int
+    y0: int
+    width: int
+    height: int
+    samples: int
+
+
+@dataclass(frozen=True)
+class TransportBasis:
+    """Basis images of one view.
+
+    Attributes:
+        nodes_nm: wavelengths [nm].
+        layers: by light, (nodes, height, width) float32 in the units of `UNITS`.
+        attributes: provenance, string or number.
+    """
+
+    nodes_nm: tuple[int, ...]
+    layers: dict[str, NDArray[np.float32]]
+    attributes: dict[str, str | float] = field(default_factory=dict)
+
+
+def render_basis(view: View, quality: Quality | None = None) -> TransportBasis:
+    """Render both lights of a view: the whole frame coarsely, the marker and its surroundings densely.
+
+    Raises:
+        RuntimeError: when no Mitsuba variant can run here.
+    """
+    quality = quality or Quality()
+    scene = _scene(view.marker, view.target)
+    camera = view.camera
+    whole = Region(0, 0, camera.width_px, camera.height_px, quality.frame_samples)
+    layers = _render_region(scene, view, whole, quality.seed)
+    dense = marker_region(view, quality.marker_rays)
+    if dense is not None and dense.samples > quality.frame_samples:
+        patch = _render_region(scene, view, dense, quality.seed + 1)
+        rows, columns = slice(dense.y0, dense.y0 + dense.height), slice(dense.x0, dense.x0 + dense.width)
+        for light in LIGHTS:
+            layers[light][:, rows, columns] = patch[light]
+    samples = float(dense.samples if dense is not None else quality.frame_samples)
+    return TransportBasis(view.nodes_nm, layers, {"marker_samples_per_pixel": samples**2})
+
+
+def marker_region(view: View, rays: int, margin_px: int = 4) -> Region | None:
+    """The marker's bounding box in whole pixels, sampled as densely as `rays` allow (2 to 48 per side); None outside the frame."""
+    half, back = view.marker.size_m / 2, -view.marker.thickness_m
+    box = np.array([[x, y, z] for x in (-half, half) for y in (-half, half) for z in (0.0, back)])
+    image = view.to_image(box)
+    x0, y0 = np.floor(image.min(axis=0)).astype(int) - margin_px
+    x1, y1 = np.ceil(image.max(axis=0)).astype(int) + margin_px + 1
+    x0, y0 = max(x0, 0), max(y0, 0)
+    x1, y1 = min(x1, view.camera.width_px), min(y1, view.camera.height_px)
+    if x0 >= x1 or y0 >= y1:
+        return None
+    samples = int(np.clip(np.sqrt(rays / ((x1 - x0) * (y1 - y0))), 2, 48))
+    return Region(int(x0), int(y0), int(x1 - x0), int(y1 - y0), samples)
+
+
+def _render_region(scene: Any, view: View, region: Region, seed: int) -> dict[str, NDArray[np.float32]]:
+    """Basis images of a region, (nodes, height, width) by light."""
+    pad = int(np.ceil(4 * view.camera.psf_sigma_px + 0.5))
+    rows = _reduction(region.height, pad, region.samples, view.camera.psf_sigma_px)
+    columns = _reduction(region.width, pad, region.samples, view.camera.psf_sigma_px)
+    result = {light: np.empty((len(view.nodes_nm), region.height, region.width), np.float32) for light in LIGHTS}
+    for first in range(0, len(view.nodes_nm), 4):
+        fine = _trace(scene, view, region, pad, view.nodes_nm[first : first + 4], seed)
+        for light, images in fine.items():
+            for k, image in enumerate(images):
+                result[light][first + k] = rows @ (image @ columns.T)
+    return result
+
+
+@lru_cache(maxsize=64)
+def _reduction(pixels: int, pad: int, samples: int, psf_sigma_px: float) -> NDArray[np.float32]:
+    """Matrix (pixels, (pixels + 2 pad) · samples) that integrates sub-pixels against the point-spread ⊗ pixel kernel."""
+    edges = np.arange((pixels + 2 * pad) * samples + 1) / samples - pad - 0.5
+    cumulative = pixel_profile_integral(edges - np.arange(pixels)[:, None], psf_sigma_px)
+    matrix = np.diff(cumulative, axis=1)
+    return (matrix / matrix.sum(axis=1, keepdims=True)).astype(np.float32)
+
+
+@lru_cache(maxsize=4)
+def _scene(marker: MarkerDesign, target: Target) -> Any:
+    """Mitsuba scene in the marker frame [mm], without lights or sensor: both are data of the tracer."""
+    import mitsuba as mi
+
+    from materials import plugins
+    from scenes.llvm import activate_variant
+
+    activate_variant()
+    plugins.register()
+    description: dict[str, Any] = {"type": "scene"}
+    names = {"retro": target.tape_material, "absorber": target.absorber_material}
+    meshes = {names_key: (mesh, names[names_key]) for names_key, mesh in marker.meshes().items()}
+    meshes["face"] = (face_mesh(target, marker), target.face_material)
+    for key, ((vertices, faces), material) in meshes.items():
+        props = mi.Properties()
+        props["bsdf"] = mi.load_dict(plugins.bsdf_dict(library.load(material)))
+        mesh = mi.Mesh(key, len(vertices), len(faces), props=props, has_vertex_normals=False, has_vertex_texcoords=False)
+        parameters = mi.traverse(mesh)
+        parameters["vertex_positions"] = np.ascontiguousarray(vertices * MM_PER_M, dtype=np.float32).ravel()
+        parameters["faces"] = np.ascontiguousarray(faces, dtype=np.uint32).ravel()
+        parameters.update()
+        description[key] = mesh
+    return mi.load_dict(description)
+
+
+def _trace(
+    scene: Any, view: View, region: Region, pad: int, nodes_nm: tuple[int, ...], seed: int
+) -> dict[str, list[NDArray[np.float32]]]:
+    """Radiance of every sub-pixel of the padded region at four wavelengths, (height, width) each, by light."""
+    import drjit as dr
+    import mitsuba as mi
+
+    height, width = ((n + 2 * pad) * region.samples for n in (region.height, region.width))
+    camera = view.camera
+    origin = view.to_marker(np.zeros(3)) * MM_PER_M
+    leds = view.to_marker(view.leds.positions_m()) * MM_PER_M
+    offsets = np.random.default_rng(seed).random(6)
+
+    def opaque(value: float) -> Any:  # kernel data, so that another range or region does not compile again
+        return dr.opaque(mi.Float, float(value))
+
+    def lattice(a: float, b: float, offset: float) -> Any:
+        x = mi.Float(column) * a + mi.Float(row) * b + opaque(offset)
+        return x - dr.floor(x)
+
+    lane = dr.arange(mi.UInt32, height * width)
+    row = lane // dr.opaque(mi.UInt32, width)
+    column = lane - row * dr.opaque(mi.UInt32, width)
+    (fx, fy), (cx, cy) = camera.focal_px, camera.principal_point_px
+    step = opaque(1 / region.samples)
+    x = (mi.Float(column) + lattice(0.0, _GOLDEN, offsets[0])) * step + opaque(region.x0 - pad - 0.5 - cx)
+    y = (mi.Float(row) + lattice(_GOLDEN, 0.0, offsets[1])) * step + opaque(region.y0 - pad - 0.5 - cy)
+    axes = [mi.Vector3f(*(opaque(v) for v in axis)) for axis in view.rotation]  # rows: camera axes in the marker frame
+    direction = dr.normalize(axes[0] * (x / opaque(fx)) + axes[1] * (y / opaque(fy)) + axes[2])
+    ray = mi.Ray3f(mi.Point3f(*(opaque(v) for v in origin)), direction)
+    for k, node in enumerate(nodes_nm):
+        ray.wavelengths[k] = opaque(node)
+    hit = scene.ray_intersect(ray)
+    bsdf, context, valid = hit.bsdf(ray), mi.BSDFContext(), hit.is_valid()
+
+    # LED ring: one LED a ray, evenly over the ring; intensity pattern about the camera's axis.
+    table = mi.Point3f(*(mi.Float(np.ascontiguousarray(leds[:, k], dtype=np.float32)) for k in range(3)))
+    count = dr.opaque(mi.UInt32, len(leds))
+    choice = dr.minimum(mi.UInt32(lattice(_R2X, _R2Y, offsets[2]) * mi.Float(count)), count - 1)
+    led = dr.gather(mi.Point3f, table, choice)
+    to_led = led - hit.p
+    distance2 = dr.squared_norm(to_led)
+    to_led = to_led * dr.rsqrt(distance2)
+    cos_axis = dr.maximum(-dr.dot(to_led, axes[2]), 0.0)
+    intensity = dr.power(cos_axis, opaque(view.leds.exponent)) / distance2 * MM_PER_M**2
+    value = bsdf.eval(context, hit, hit.to_local(to_led), valid)
+    lit = valid & (dr.max(value) > 0)
+    lit &= ~scene.ray_test(hit.spawn_ray_to(led), lit)
+    from_leds = dr.select(lit, value * intensity, 0.0)
+
+    # Sun: a uniform disc.
+    disc = mi.warp.square_to_uniform_disk_concentric(
+        mi.Point2f(lattice(_R2Y, _R2X, offsets[3]), lattice(_GOLDEN, _R2Y, offsets[4]))
+    ) * opaque(np.tan(view.sun.angular_radius_rad))
+    frame = mi.Frame3f(mi.Vector3f(*(opaque(v) for v in view.sun_in_marker)))
+    to_sun = dr.normalize(frame.n + frame.s * disc.x + frame.t * disc.y)
+    value = bsdf.eval(context, hit, hit.to_local(to_sun), valid)
+    lit = valid & (dr.max(value) > 0)
+    lit &= ~scene.ray_test(hit.spawn_ray(to_sun), lit)
+    from_sun = dr.select(lit, value, 0.0)
+
+    dr.eval(from_leds, from_sun)
+    spectra = {"led": from_leds, "sun": from_sun}
+    return {
+        light: [np.array(value[k], copy=False).reshape(height, width) for k in range(len(nodes_nm))] for light, value in spectra.items()
+    }
