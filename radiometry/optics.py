@@ -131,27 +131,16 @@ def node_weights(spectral_weight: Spectrum, nodes_nm: ArrayLike) -> FloatArray:
     return weights
 
 
-def pixel_profile_integral(x_px: ArrayLike, psf_sigma_px: float, window_px: float = 0.0) -> FloatArray:
-    """Response of a pixel at x = 0 to a half plane that is bright at positions below x [px], between 0 and 1.
+def pixel_profile_integral(x_px: ArrayLike, psf_sigma_px: float) -> FloatArray:
+    """Response of a pixel at 0 to a half plane that is bright at positions below x [px], between 0 and 1.
 
-    The pixel is a unit box, the point spread a Gaussian, and where the pixel's own position is uniform over a window of
-    width `window_px`, that is a further box. The cumulative of box ⊗ box ⊗ Gaussian, in closed form.
+    The cumulative of a unit box (the pixel) convolved with a Gaussian (the point spread), in closed form.
     """
-    x = np.asarray(x_px, float)
     sigma = max(psf_sigma_px, 1e-6)
 
-    def second_integral(t: FloatArray) -> FloatArray:  # ∫∫ of the Gaussian density
+    def ramp(t: FloatArray) -> FloatArray:  # twice integrated Gaussian density
         z = t / sigma
         return sigma * (z * ndtr(z) + np.exp(-0.5 * z**2) / np.sqrt(2 * np.pi))
 
-    if window_px <= 0:
-        return second_integral(x + 0.5) - second_integral(x - 0.5)
-
-    def third_integral(t: FloatArray) -> FloatArray:
-        z = t / sigma
-        gauss = np.exp(-0.5 * z**2) / np.sqrt(2 * np.pi)
-        return 0.5 * sigma**2 * ((z**2 + 1) * ndtr(z) + z * gauss)
-
-    half = window_px / 2
-    corners = ((0.5 + half, 1), (0.5 - half, -1), (-0.5 + half, -1), (-0.5 - half, 1))
-    return sum(sign * third_integral(x + shift) for shift, sign in corners) / window_px
+    x = np.asarray(x_px, float)
+    return ramp(x + 0.5) - ramp(x - 0.5)

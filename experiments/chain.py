@@ -1,0 +1,269 @@
+"""The chain, in the one place that runs it: scenario -> transport -> electron rate -> DN -> features -> pose.
+
+Every study calls these functions; each stage can also be run by itself from files (`mantis render`, `expose`, `detect`).
+"""
+
+from __future__ import annotations
+
+import platform
+from dataclasses import dataclass
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from detector.features import Features, detect_features
+from detector.noise import NoiseModel
+from detector.pose import Pose, solve_pose
+from detector.sensor import Frame, Sensor, expose
+from experiments.scenario import Scenario
+from materials import library
+from radiometry import link
+from radiometry.geometry import FloatArray, rotation_angle
+from radiometry.optics import electron_responsivity, node_weights, wavelength_nodes
+from radiometry.spectrum import Spectrum
+from scenes.transport import Quality, TransportBasis, View, render_basis
+
+#: Which lights shine in each illumination.
+LIGHTS_ON = {"eclipse": ("led",), "sun": ("led", "sun")}
+
+
+def view(scenario: Scenario) -> View:
+    """The part of a scenario that changes transport."""
+    nodes = wavelength_nodes(scenario.filter.spectrum(), scenario.render.wavelength_nodes)
+    return View(
+        scenario.camera, scenario.marker, scenario.target, scenario.leds, scenario.sun, scenario.range_m, nodes
+    )
+
+
+def transport(scenario: Scenario) -> TransportBasis:
+    """Render the transport basis of the scenario's geometry, with provenance in its attributes."""
+    quality = Quality(scenario.render.frame_samples, scenario.render.marker_rays, scenario.seed)
+    basis = render_basis(view(scenario), quality)
+    basis.attributes.update(provenance(scenario), range_m=scenario.range_m)
+    return basis
+
+
+def provenance(scenario: Scenario) -> dict[str, str | float]:
+    """What is needed to make a result again: scenario, its hash, seed and versions."""
+    camera = scenario.camera
+    return {
+        "scenario": scenario.model_dump_json(),
+        "scenario_hash": scenario.digest(),
+        "seed": float(scenario.seed),
+        "camera": f"{camera.width_px}x{camera.height_px} px, f {camera.focal_length_m:g} m, F/{camera.f_number:g}",
+        "software": f"mantis-radiometry {version('mantis-radiometry')}",
+        "versions": ", ".join(f"{name} {version(name)}" for name in ("mitsuba", "drjit", "numpy", "opencv-python-headless"))
+        + f", python {platform.python_version()}",
+    }
+
+
+def strengths(scenario: Scenario) -> dict[str, Spectrum]:
+    """Spectral strength of each light: the ring's intensity [W sr⁻¹ nm⁻¹], the Sun's irradiance [W m⁻² nm⁻¹]."""
+    return {"led": scenario.leds.spectral_intensity(), "sun": scenario.sun.irradiance()}
+
+
+def responsivity(scenario: Scenario) -> Spectrum:
+    """Electron rate per spectral radiance of the scenario's camera, filter and sensor."""
+    return electron_responsivity(scenario.camera, scenario.filter.spectrum(), scenario.sensor.qe_spectrum())
+
+
+def electron_rate(scenario: Scenario, basis: TransportBasis, light: str) -> FloatArray:
+    """Photo-electrons per second of every pixel, (height, width), in an illumination ('eclipse' or 'sun').
+
+    Raises:
+        ValueError: when the basis is not of the camera's size.
+    """
+    camera, response, strength = scenario.camera, responsivity(scenario), strengths(scenario)
+    shape = (camera.height_px, camera.width_px)
+    rate = np.zeros(shape)
+    for source in LIGHTS_ON[light]:
+        images = basis.layers[source]
+        if images.shape[1:] != shape:
+            raise ValueError(f"transport basis is {images.shape[2]} × {images.shape[1]} px, the camera {shape[1]} × {shape[0]} px")
+        rate += np.tensordot(node_weights(strength[source] * response, basis.nodes_nm), images, axes=1)
+    # The weights of the outer nodes can be negative, so a black pixel may come out at minus a rounding error.
+    return np.maximum(rate, 0.0) * camera.relative_illumination()
+
+
+@dataclass(frozen=True)
+class LinkBudget:
+    """Closed-form budget of one range and illumination.
+
+    Attributes:
+        signal_rate, background_rate: electrons per second of a bright bit's and of a neighbouring dark cell's pixels.
+        tape_rate: of tape that fills its pixels, without point spread and neighbours.
+        px_per_bit: pixels along the shorter side of a bit.
+        smear_px_per_s: motion of the target across the image.
+        fill: share of a bright bit's light that comes from reflective cells.
+    """
+
+    sensor: Sensor
+    signal_rate: float
+    background_rate: float
+    tape_rate: float
+    px_per_bit: float
+    smear_px_per_s: float
+    fill: float
+
+    def at(self, exposure_s: float) -> dict[str, float]:
+        """Signal, background and dark charge [electrons], SNR, CNR, full-well fraction and smear [px] of one exposure."""
+        signal, background = self.signal_rate * exposure_s, self.background_rate * exposure_s
+        dark, noise = self.sensor.dark_electrons(exposure_s), self.sensor.total_noise_electrons
+        return {
+            "signal": signal,
+            "background": background,
+            "dark": dark,
+            "snr": float(link.snr(signal, dark, noise)),
+            "cnr": float(link.cnr(signal, background, dark, noise)),
+            "full_well_fraction": (signal + dark) / usable_well(self.sensor),
+            "smear_px": self.smear_px_per_s * exposure_s,
+        }
+
+
+def usable_well(sensor: Sensor) -> float:
+    """Charge at which the response ends [electrons]: the full well, or the converter's range where that is smaller."""
+    return min(sensor.full_well_electrons, (sensor.max_dn - sensor.offset_dn) * sensor.gain_electrons_per_dn)
+
+
+def bit_scale_px(scene_view: View) -> tuple[float, float]:
+    """Pixels per metre along the marker's x and y axes at its centre, foreshortening included."""
+    step = 1e-4
+    ends = scene_view.to_image(np.array([[step, 0, 0], [-step, 0, 0], [0, step, 0], [0, -step, 0]]))
+    return (
+        float(np.linalg.norm(ends[0] - ends[1]) / (2 * step)),
+        float(np.linalg.norm(ends[2] - ends[3]) / (2 * step)),
+    )
+
+
+def link_budget(scenario: Scenario, light: str) -> LinkBudget:
+    """The closed-form budget of the scenario's range in an illumination."""
+    scene_view, marker = view(scenario), scenario.marker
+    response, strength = responsivity(scenario), strengths(scenario)
+    wavelength = link.band_grid(response)
+    viewer = scene_view.to_marker(np.zeros(3))
+    leds = scene_view.to_marker(scenario.leds.positions_m())
+    falloff = scenario.camera.relative_illumination()
+
+    def rate(points_m: FloatArray, material: str) -> FloatArray:
+        brdf = library.load(material).brdf
+        transports = {
+            "led": link.ring_transport(points_m, viewer, leds, scene_view.rotation[2], scenario.leds, brdf, wavelength)
+        }
+        if "sun" in LIGHTS_ON[light]:
+            transports["sun"] = link.sun_transport(points_m, viewer, scene_view.sun_in_marker, brdf, wavelength)
+        total = sum(link.electron_rate(t, wavelength, strength[source], response) for source, t in transports.items())
+        column, row = np.rint(scene_view.to_image(points_m)).astype(int).T
+        return total * falloff[row.clip(0, falloff.shape[0] - 1), column.clip(0, falloff.shape[1] - 1)]
+
+    scale = np.array(bit_scale_px(scene_view))
+    rectangles = marker.reflective_rectangles_m() * np.repeat(scale, 2)
+
+    def mean_rate(centres_m: FloatArray) -> tuple[float, float]:
+        pixels = [on_plane(scene_view, np.column_stack(p[::-1])) for p in bit_pixels(scene_view, centres_m)]
+        fill = np.array([link.reflective_fill(p * scale, rectangles, scenario.camera.psf_sigma_px).mean() for p in pixels])
+        tape, black = rate(centres_m, scenario.target.tape_material), rate(centres_m, scenario.target.absorber_material)
+        return float(np.mean(fill * tape + (1 - fill) * black)), float(np.mean(fill))
+
+    white, black = marker.white_bit_centres_m(), marker.black_bit_centres_m()
+    signal, fill = mean_rate(white)
+    speed = np.radians(scenario.target.tumble_deg_s) * scenario.target.tumble_lever_m
+    return LinkBudget(
+        scenario.sensor,
+        signal,
+        mean_rate(black)[0],
+        float(np.mean(rate(white, scenario.target.tape_material))),
+        float(marker.bit_m * scale.min()),
+        float(link.smear_px(scenario.camera, scenario.range_m, speed, 1.0)),
+        fill,
+    )
+
+
+def exposure_s(scenario: Scenario, budget: LinkBudget, exposure: float | str) -> float:
+    """The exposure in seconds; 'auto' is the one that brings the bright bits to the wanted fraction of full well."""
+    if not isinstance(exposure, str):
+        return exposure
+    auto = scenario.auto_exposure
+    charge = auto.full_well_fraction * usable_well(scenario.sensor)
+    rate = budget.signal_rate + scenario.sensor.dark_rate_electrons_per_s
+    return float(np.clip(charge / rate, auto.shortest_s, auto.longest_s))
+
+
+def frame_generator(scenario: Scenario, light: str, seconds: float, trial: int = 0) -> np.random.Generator:
+    """Generator of one frame's noise, independent between ranges, illuminations, exposures and trials."""
+    key = (scenario.seed, round(scenario.range_m * 1e6), list(LIGHTS_ON).index(light), round(seconds * 1e12), trial)
+    return np.random.default_rng(key)
+
+
+def take_frame(scenario: Scenario, rate: FloatArray, light: str, seconds: float, trial: int = 0) -> Frame:
+    """One exposure of the scenario's sensor."""
+    return expose(scenario.sensor, rate, seconds, frame_generator(scenario, light, seconds, trial))
+
+
+def noise_model(scenario: Scenario, image: NDArray[Any]) -> NoiseModel | None:
+    """Noise of an image where it can come from the scenario's sensor, else None: the detector then estimates it."""
+    sensor = scenario.sensor
+    container = np.uint8 if sensor.bits <= 8 else np.uint16
+    if image.dtype != container or image.max(initial=0) > sensor.max_dn:
+        return None
+    gain = 1 / sensor.gain_electrons_per_dn
+    return NoiseModel(gain, sensor.total_noise_electrons * gain, sensor.offset_dn, sensor.saturation_dn)
+
+
+@dataclass(frozen=True)
+class Sighting:
+    """What the detector and the pose solver make of one image."""
+
+    features: Features
+    pose: Pose | None
+
+
+def look(scenario: Scenario, image: NDArray[Any]) -> Sighting:
+    """Find the scenario's marker in an image and solve its pose.
+
+    Raises:
+        ValueError: when the image is not two-dimensional, of another size than the camera's, or holds NaN or infinity.
+    """
+    camera = scenario.camera
+    if image.shape != (camera.height_px, camera.width_px):
+        raise ValueError(f"image is {'×'.join(map(str, image.shape[::-1]))} px, the camera {camera.width_px}×{camera.height_px} px")
+    features = detect_features(image, scenario.marker, camera, noise_model(scenario, image))
+    return Sighting(features, solve_pose(features, scenario.marker, camera) if features.detected else None)
+
+
+def pose_errors(scenario: Scenario, pose: Pose | None) -> tuple[float, float]:
+    """Attitude error [rad] and range error over range; NaN without a pose."""
+    if pose is None:
+        return np.nan, np.nan
+    truth = view(scenario)
+    distance = np.linalg.norm(truth.translation_m)
+    return (
+        rotation_angle(truth.rotation, pose.rotation),
+        float(abs(np.linalg.norm(pose.translation_m) - distance) / distance),
+    )
+
+
+def bit_pixels(scene_view: View, centres_m: FloatArray) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
+    """Pixels (rows, columns) that count as each bit: within `link.sampling_window_px` of its centre, the nearest at least."""
+    scale = np.array(bit_scale_px(scene_view))
+    half = link.sampling_window_px(scene_view.marker.bit_m * scale) / 2
+    reach = int(np.ceil(half.max() * 1.5)) + 1
+    offsets = np.stack(np.meshgrid(*[np.arange(-reach, reach + 1)] * 2), axis=-1).reshape(-1, 2)
+    camera, pixels = scene_view.camera, []
+    for centre, middle in zip(scene_view.to_image(centres_m), centres_m, strict=True):
+        nearby = np.rint(centre).astype(int) + offsets
+        inside = np.all(np.abs(on_plane(scene_view, nearby) - middle[:2]) * scale <= half, axis=1)
+        if not inside.any():
+            inside = np.all(offsets == 0, axis=1)
+        column, row = nearby[inside].T
+        seen = (column >= 0) & (row >= 0) & (column < camera.width_px) & (row < camera.height_px)
+        pixels.append((row[seen], column[seen]))
+    return pixels
+
+
+def on_plane(scene_view: View, image_px: FloatArray) -> FloatArray:
+    """Marker-plane coordinates (n, 2) [m] of image positions (n, 2)."""
+    homography = scene_view.camera.matrix @ np.column_stack([scene_view.rotation[:, :2], scene_view.translation_m])
+    points = np.column_stack([image_px, np.ones(len(image_px))]) @ np.linalg.inv(homography).T
+    return points[:, :2] / points[:, 2:]

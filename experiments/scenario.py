@@ -1,0 +1,232 @@
+"""The scenario: one validated description of camera, lights, target, sensor and study, read from a TOML file.
+
+Every package owns its own parameter model; this module only composes them.
+"""
+
+from __future__ import annotations
+
+import difflib
+import hashlib
+import json
+import tomllib
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from detector.sensor import Sensor
+from materials.library import available as available_materials
+from radiometry.closure import Requirement
+from radiometry.filters import Bandpass
+from radiometry.optics import Camera
+from radiometry.sources import LedRing, Sun
+from scenes.marker import MarkerDesign
+from scenes.target import Target
+
+Range = Annotated[float, Field(ge=0.05, le=1000, allow_inf_nan=False)]
+Exposure = Annotated[float, Field(gt=0, le=100, allow_inf_nan=False)] | Literal["auto"]
+Light = Literal["eclipse", "sun"]
+
+DEFAULT_SCENARIO = "default"
+
+
+class ScenarioError(ValueError):
+    """A scenario that cannot be used; the message is one line with key, value, what was expected and its unit."""
+
+
+class AutoExposure(BaseModel):
+    """The exposure that puts the bright bits at a fraction of full well, from the closed-form budget."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    full_well_fraction: Annotated[float, Field(gt=0, lt=1)] = Field(0.5, description="bright bits over full well, aimed at")
+    shortest_s: Annotated[float, Field(gt=0, le=1)] = Field(
+        1e-7, description="shortest pulse of the LEDs, which gates the exposure [s]; assumption"
+    )
+    longest_s: Annotated[float, Field(gt=0, le=100)] = Field(1 / 30, description="longest exposure [s]: the thesis's frame time")
+
+
+class RenderQuality(BaseModel):
+    """How densely transport is sampled."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    frame_samples: Annotated[int, Field(ge=1, le=16)] = Field(2, description="sub-pixels along a pixel's side, outside the marker")
+    marker_rays: Annotated[int, Field(ge=10_000, le=50_000_000)] = Field(2_000_000, description="rays on the marker's surroundings")
+    wavelength_nodes: Annotated[int, Field(ge=4, le=64, multiple_of=4)] = Field(4, description="wavelengths rendered, in groups of four")
+
+
+class BudgetPlan(BaseModel):
+    """What `mantis budget` walks through."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    ranges_m: Annotated[tuple[Range, ...], Field(min_length=1, max_length=1000)] = Field(
+        tuple(float(r) for r in range(1, 21)), description="ranges [m], increasing"
+    )
+    lights: Annotated[tuple[Light, ...], Field(min_length=1)] = Field(("eclipse", "sun"), description="illuminations")
+    exposures_s: Annotated[tuple[Exposure, ...], Field(min_length=1)] = Field(
+        (1 / 30, 1e-3, "auto"), description="exposures [s], or 'auto'"
+    )
+    trials: Annotated[int, Field(ge=2, le=100_000)] = Field(16, description="noise draws of every case")
+
+    @model_validator(mode="after")
+    def _distinct(self) -> BudgetPlan:
+        if list(self.ranges_m) != sorted(set(self.ranges_m)):
+            raise ValueError("ranges_m: must increase, none twice [m]")
+        if len(set(self.lights)) < len(self.lights) or len(set(self.exposures_s)) < len(self.exposures_s):
+            raise ValueError("lights and exposures_s: none may occur twice")
+        return self
+
+
+class Scenario(BaseModel):
+    """Everything a study needs. The first three keys say which single frame `render`, `expose` and `detect` are about."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    title: str = Field("Mantis scenario", max_length=200, description="one line for reports")
+    range_m: Range = Field(4.0, description="camera to marker along the optical axis [m]")
+    light: Light = Field("eclipse", description="'eclipse': LEDs alone; 'sun': LEDs and Sun")
+    exposure_s: Exposure = Field("auto", description="exposure and LED pulse [s], or 'auto'")
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = Field(1, description="seed of every random number")
+    camera: Camera = Camera()
+    filter: Bandpass = Bandpass()
+    sensor: Sensor = Sensor()
+    leds: LedRing = LedRing()
+    sun: Sun = Sun()
+    marker: MarkerDesign = MarkerDesign()
+    target: Target = Target()
+    auto_exposure: AutoExposure = AutoExposure()
+    render: RenderQuality = RenderQuality()
+    budget: BudgetPlan = BudgetPlan()
+    requirement: Requirement = Requirement()
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Scenario:
+        for key in ("face_material", "tape_material", "absorber_material"):
+            if getattr(self.target, key) not in available_materials():
+                raise ValueError(
+                    f"target.{key}: {getattr(self.target, key)!r} is unknown; expected one of {', '.join(available_materials())}"
+                )
+        if self.marker.size_m > self.target.face_m:
+            raise ValueError(f"marker.size_m: {self.marker.size_m:g} m exceeds target.face_m, {self.target.face_m:g} m")
+        return self
+
+    def digest(self) -> str:
+        """Hash of every parameter, 16 hexadecimal digits: the same for the same physics, however the file was written."""
+        text = json.dumps(self.model_dump(mode="json"), sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+    def at(self, **changes: Any) -> Scenario:
+        """A copy with some top-level keys changed, validated anew."""
+        return Scenario.model_validate({**self.model_dump(), **changes})
+
+
+def load_scenario(source: str | Path | None = None, overrides: tuple[str, ...] = ()) -> Scenario:
+    """Read a scenario file, or a shipped one by name, and apply ``key=value`` overrides.
+
+    Args:
+        source: path of a TOML file or the name of a shipped scenario; None is the default scenario.
+        overrides: such as ``leds.count=50`` or ``exposure_s=1e-3``; values are TOML, bare words are strings.
+
+    Raises:
+        ScenarioError: one line that names the key, the value, and what was expected.
+    """
+    path = _find(source)
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ScenarioError(f"{source or DEFAULT_SCENARIO}: not a TOML file ({error})") from error
+    except OSError as error:
+        raise ScenarioError(f"{source}: cannot be read ({error.strerror})") from error
+    for override in overrides:
+        _apply(data, override)
+    return validate(data)
+
+
+def validate(data: dict[str, Any]) -> Scenario:
+    """Scenario from nested plain data.
+
+    Raises:
+        ScenarioError: one line about the first thing wrong, and how many more there are.
+    """
+    try:
+        return Scenario.model_validate(data)
+    except ValidationError as error:
+        raise ScenarioError(_explain(error)) from None
+
+
+def shipped_scenarios() -> tuple[str, ...]:
+    """Names of the scenarios that come with the package."""
+    return tuple(sorted(f.name.removesuffix(".toml") for f in (files("experiments") / "scenarios").iterdir() if f.name.endswith(".toml")))
+
+
+def _find(source: str | Path | None) -> Path:
+    name = str(source) if source is not None else DEFAULT_SCENARIO
+    if name in shipped_scenarios():
+        return Path(str(files("experiments") / "scenarios" / f"{name}.toml"))
+    path = Path(name)
+    if not path.is_file():
+        raise ScenarioError(f"{name}: no such scenario file; shipped ones are {', '.join(shipped_scenarios())}")
+    return path
+
+
+def _apply(data: dict[str, Any], override: str) -> None:
+    key, separator, text = override.partition("=")
+    if not separator or not key.strip():
+        raise ScenarioError(f"--set {override}: expected key=value, say leds.count=50")
+    try:
+        value = tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        value = text.strip()
+    *parents, leaf = key.strip().split(".")
+    node = data
+    for parent in parents:
+        node = node.setdefault(parent, {})
+        if not isinstance(node, dict):
+            raise ScenarioError(f"--set {override}: {parent} holds a value, not keys")
+    node[leaf] = value
+
+
+def _explain(error: ValidationError) -> str:
+    first, *rest = error.errors(include_url=False)
+    # Members of a union (a number or 'auto') are named by their type at the end of the location.
+    location = [part for part in first["loc"] if not (isinstance(part, str) and not part.isidentifier())]
+    key = ".".join(str(part) for part in location) or "scenario"
+    more = f" (and {len(rest)} more)" if rest else ""
+    if first["type"] == "extra_forbidden":
+        near = difflib.get_close_matches(str(location[-1]), _keys_beside(location), n=1, cutoff=0.5)
+        hint = f"; did you mean {near[0]!r} ({_describe([*location[:-1], near[0]])})?" if near else ""
+        return f"{key}: unknown key{hint}{more}"
+    if first["type"] == "value_error":
+        message = str(first["ctx"]["error"]) if "ctx" in first else first["msg"]
+        return (message if not location else f"{key}: {message}") + more
+    about = _describe(location)
+    expected = first["msg"][0].lower() + first["msg"][1:]
+    return f"{key}: {first['input']!r}, {expected}{f' ({about})' if about else ''}{more}"
+
+
+def _model_at(location: list[Any]) -> type[BaseModel] | None:
+    model: Any = Scenario
+    for part in location:
+        field = model.model_fields.get(part) if isinstance(model, type) and issubclass(model, BaseModel) else None
+        if field is None:
+            return None
+        model = field.annotation
+    return model if isinstance(model, type) and issubclass(model, BaseModel) else None
+
+
+def _keys_beside(location: list[Any]) -> list[str]:
+    model = _model_at(location[:-1])
+    return list(model.model_fields) if model else []
+
+
+def _describe(location: list[Any]) -> str:
+    names = [part for part in location if isinstance(part, str)]
+    while names:
+        model = _model_at(names[:-1])
+        if model is not None and names[-1] in model.model_fields:
+            return model.model_fields[names[-1]].description or ""
+        names.pop()
+    return ""

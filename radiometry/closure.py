@@ -1,0 +1,82 @@
+"""Closure: the criteria that a budget must meet, each with its margin, and what to change where one fails."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Fraction = Annotated[float, Field(gt=0, le=1)]
+
+
+class Requirement(BaseModel):
+    """Limits that a range must meet to close."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    cnr_min: Positive = Field(10.0, description="contrast-to-noise ratio, at least")
+    full_well_fraction_max: Fraction = Field(0.7, description="bright bits over full well, at most")
+    px_per_bit_min: Positive = Field(2.0, description="pixels along the shorter side of a bit, at least; 3 where OpenCV's ArUco decodes")
+    smear_px_max: Positive = Field(0.5, description="motion during an exposure [px], at most")
+    detection_min: Fraction = Field(0.99, description="share of frames whose marker is found, at least")
+    attitude_error_max_deg: Positive = Field(
+        2.0, description="95th percentile of attitude error [deg], at most; assumption, the thesis's figure 3.6 is not in print as numbers"
+    )
+    range_error_max: Fraction = Field(0.02, description="95th percentile of range error over range, at most; assumption")
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """One criterion at one range.
+
+    Attributes:
+        name: the criterion.
+        value, limit: in the same unit; NaN where the value could not be measured.
+        margin: by which factor the criterion is met (1 is just met, below 1 fails); 0 where not measured.
+    """
+
+    name: str
+    value: float
+    limit: float
+    margin: float
+
+    @property
+    def passed(self) -> bool:
+        """True where the criterion is met."""
+        return self.margin >= 1.0
+
+
+#: Criterion -> (attribute of Requirement, True where the value must be at least the limit), in the order in which they bind.
+CRITERIA: dict[str, tuple[str, bool]] = {
+    "saturation": ("full_well_fraction_max", False),
+    "cnr": ("cnr_min", True),
+    "sampling": ("px_per_bit_min", True),
+    "smear": ("smear_px_max", False),
+    "detection": ("detection_min", True),
+    "attitude": ("attitude_error_max_deg", False),
+    "range": ("range_error_max", False),
+}
+
+
+def judge(requirement: Requirement, values: dict[str, float]) -> list[Verdict]:
+    """Hold measured values against the requirement, criterion by criterion; a NaN value fails.
+
+    Args:
+        values: by the names of `CRITERIA`; those left out are not judged.
+    """
+    verdicts = []
+    for name, (attribute, at_least) in CRITERIA.items():
+        if name not in values:
+            continue
+        value, limit = float(values[name]), float(getattr(requirement, attribute))
+        if np.isnan(value):
+            margin = 0.0
+        elif at_least:
+            margin = value / limit
+        else:
+            margin = limit / value if value > 0 else np.inf
+        verdicts.append(Verdict(name, value, limit, float(margin)))
+    return verdicts
