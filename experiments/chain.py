@@ -5,6 +5,8 @@ Every study calls these functions; each stage can also be run by itself from fil
 
 from __future__ import annotations
 
+import hashlib
+import json
 import platform
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -32,17 +34,38 @@ LIGHTS_ON = {"eclipse": ("led",), "sun": ("led", "sun")}
 def view(scenario: Scenario) -> View:
     """The part of a scenario that changes transport."""
     nodes = wavelength_nodes(scenario.filter.spectrum(), scenario.render.wavelength_nodes)
-    return View(
-        scenario.camera, scenario.marker, scenario.target, scenario.leds, scenario.sun, scenario.range_m, nodes
-    )
+    return View(scenario.camera, scenario.marker, scenario.target, scenario.leds, scenario.sun, scenario.range_m, nodes)
 
 
 def transport(scenario: Scenario) -> TransportBasis:
     """Render the transport basis of the scenario's geometry, with provenance in its attributes."""
     quality = Quality(scenario.render.frame_samples, scenario.render.marker_rays, scenario.seed)
     basis = render_basis(view(scenario), quality)
-    basis.attributes.update(provenance(scenario), range_m=scenario.range_m)
+    basis.attributes.update(provenance(scenario), range_m=scenario.range_m, geometry_hash=geometry_digest(scenario))
     return basis
+
+
+def geometry_digest(scenario: Scenario) -> str:
+    """Hash of what changes transport, 16 hexadecimal digits; source powers and spectra are left out."""
+    leds = scenario.leds.model_dump(include={"count", "ring_radius_m", "half_angle_deg"})
+    camera = scenario.camera.model_dump(exclude={"f_number", "lens_transmission"})
+    parts = [scenario.range_m, view(scenario).nodes_nm, leds, camera]
+    parts += [part.model_dump(mode="json") for part in (scenario.marker, scenario.target, scenario.sun)]
+    return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def check_geometry(scenario: Scenario, basis: TransportBasis, name: object) -> None:
+    """Refuse a transport basis that this project rendered from another geometry.
+
+    Raises:
+        ValueError: naming both ranges. A basis without our attributes, from another renderer, is taken as it is.
+    """
+    known = basis.attributes.get("geometry_hash")
+    if known is not None and known != geometry_digest(scenario):
+        raise ValueError(
+            f"{name}: rendered from another geometry (range {basis.attributes.get('range_m', 0):g} m, the scenario has "
+            f"{scenario.range_m:g} m; or camera, marker, target, LED ring, Sun or filter band differ)"
+        )
 
 
 def provenance(scenario: Scenario) -> dict[str, str | float]:
@@ -54,7 +77,9 @@ def provenance(scenario: Scenario) -> dict[str, str | float]:
         "seed": float(scenario.seed),
         "camera": f"{camera.width_px}x{camera.height_px} px, f {camera.focal_length_m:g} m, F/{camera.f_number:g}",
         "software": f"mantis-radiometry {version('mantis-radiometry')}",
-        "versions": ", ".join(f"{name} {version(name)}" for name in ("mitsuba", "drjit", "numpy", "opencv-python-headless"))
+        "versions": ", ".join(
+            f"{name} {version(name)}" for name in ("mitsuba", "drjit", "numpy", "opencv-python-headless")
+        )
         + f", python {platform.python_version()}",
     }
 
@@ -81,7 +106,9 @@ def electron_rate(scenario: Scenario, basis: TransportBasis, light: str) -> Floa
     for source in LIGHTS_ON[light]:
         images = basis.layers[source]
         if images.shape[1:] != shape:
-            raise ValueError(f"transport basis is {images.shape[2]} × {images.shape[1]} px, the camera {shape[1]} × {shape[0]} px")
+            raise ValueError(
+                f"transport basis is {images.shape[2]} × {images.shape[1]} px, the camera {shape[1]} × {shape[0]} px"
+            )
         rate += np.tensordot(node_weights(strength[source] * response, basis.nodes_nm), images, axes=1)
     # The weights of the outer nodes can be negative, so a black pixel may come out at minus a rounding error.
     return np.maximum(rate, 0.0) * camera.relative_illumination()
@@ -162,7 +189,9 @@ def link_budget(scenario: Scenario, light: str) -> LinkBudget:
 
     def mean_rate(centres_m: FloatArray) -> tuple[float, float]:
         pixels = [on_plane(scene_view, np.column_stack(p[::-1])) for p in bit_pixels(scene_view, centres_m)]
-        fill = np.array([link.reflective_fill(p * scale, rectangles, scenario.camera.psf_sigma_px).mean() for p in pixels])
+        fill = np.array(
+            [link.reflective_fill(p * scale, rectangles, scenario.camera.psf_sigma_px).mean() for p in pixels]
+        )
         tape, black = rate(centres_m, scenario.target.tape_material), rate(centres_m, scenario.target.absorber_material)
         return float(np.mean(fill * tape + (1 - fill) * black)), float(np.mean(fill))
 
@@ -227,7 +256,9 @@ def look(scenario: Scenario, image: NDArray[Any]) -> Sighting:
     """
     camera = scenario.camera
     if image.shape != (camera.height_px, camera.width_px):
-        raise ValueError(f"image is {'×'.join(map(str, image.shape[::-1]))} px, the camera {camera.width_px}×{camera.height_px} px")
+        raise ValueError(
+            f"image is {'×'.join(map(str, image.shape[::-1]))} px, the camera {camera.width_px}×{camera.height_px} px"
+        )
     features = detect_features(image, scenario.marker, camera, noise_model(scenario, image))
     return Sighting(features, solve_pose(features, scenario.marker, camera) if features.detected else None)
 

@@ -40,11 +40,15 @@ class AutoExposure(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    full_well_fraction: Annotated[float, Field(gt=0, lt=1)] = Field(0.5, description="bright bits over full well, aimed at")
+    full_well_fraction: Annotated[float, Field(gt=0, lt=1)] = Field(
+        0.5, description="bright bits over full well, aimed at"
+    )
     shortest_s: Annotated[float, Field(gt=0, le=1)] = Field(
         1e-7, description="shortest pulse of the LEDs, which gates the exposure [s]; assumption"
     )
-    longest_s: Annotated[float, Field(gt=0, le=100)] = Field(1 / 30, description="longest exposure [s]: the thesis's frame time")
+    longest_s: Annotated[float, Field(gt=0, le=100)] = Field(
+        1 / 30, description="longest exposure [s]: the thesis's frame time"
+    )
 
 
 class RenderQuality(BaseModel):
@@ -52,9 +56,15 @@ class RenderQuality(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    frame_samples: Annotated[int, Field(ge=1, le=16)] = Field(2, description="sub-pixels along a pixel's side, outside the marker")
-    marker_rays: Annotated[int, Field(ge=10_000, le=50_000_000)] = Field(2_000_000, description="rays on the marker's surroundings")
-    wavelength_nodes: Annotated[int, Field(ge=4, le=64, multiple_of=4)] = Field(4, description="wavelengths rendered, in groups of four")
+    frame_samples: Annotated[int, Field(ge=1, le=16)] = Field(
+        2, description="sub-pixels along a pixel's side, outside the marker"
+    )
+    marker_rays: Annotated[int, Field(ge=10_000, le=50_000_000)] = Field(
+        2_000_000, description="rays on the marker's surroundings"
+    )
+    wavelength_nodes: Annotated[int, Field(ge=4, le=64, multiple_of=4)] = Field(
+        4, description="wavelengths rendered, in groups of four"
+    )
 
 
 class BudgetPlan(BaseModel):
@@ -159,7 +169,13 @@ def validate(data: dict[str, Any]) -> Scenario:
 
 def shipped_scenarios() -> tuple[str, ...]:
     """Names of the scenarios that come with the package."""
-    return tuple(sorted(f.name.removesuffix(".toml") for f in (files("experiments") / "scenarios").iterdir() if f.name.endswith(".toml")))
+    return tuple(
+        sorted(
+            f.name.removesuffix(".toml")
+            for f in (files("experiments") / "scenarios").iterdir()
+            if f.name.endswith(".toml")
+        )
+    )
 
 
 def _find(source: str | Path | None) -> Path:
@@ -197,13 +213,14 @@ def _explain(error: ValidationError) -> str:
     more = f" (and {len(rest)} more)" if rest else ""
     if first["type"] == "extra_forbidden":
         near = difflib.get_close_matches(str(location[-1]), _keys_beside(location), n=1, cutoff=0.5)
-        hint = f"; did you mean {near[0]!r} ({_describe([*location[:-1], near[0]])})?" if near else ""
+        meant = [*location[:-1], *near]
+        hint = f"; did you mean {'.'.join(map(str, meant))!r} ({_describe(meant)})?" if near else ""
         return f"{key}: unknown key{hint}{more}"
     if first["type"] == "value_error":
         message = str(first["ctx"]["error"]) if "ctx" in first else first["msg"]
         return (message if not location else f"{key}: {message}") + more
     about = _describe(location)
-    expected = first["msg"][0].lower() + first["msg"][1:]
+    expected = first["msg"].replace("Input should be", "expected").split(", unable")[0]
     return f"{key}: {first['input']!r}, {expected}{f' ({about})' if about else ''}{more}"
 
 

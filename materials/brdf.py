@@ -55,7 +55,9 @@ class RetroTable:
         if self.observation_deg[0] <= 0 or not 0 <= self.entrance_deg[0] < self.entrance_deg[-1] + 1 < 90:
             raise ValueError("retro table: observation angles must exceed 0 and entrance angles lie in 0-89 deg")
         if self.tail_exponent <= 2:
-            raise ValueError(f"retro table: tail_exponent {self.tail_exponent:g} must exceed 2, or the lobe holds infinite energy")
+            raise ValueError(
+                f"retro table: tail_exponent {self.tail_exponent:g} must exceed 2, or the lobe holds infinite energy"
+            )
 
     @cached_property
     def log_chord(self) -> FloatArray:

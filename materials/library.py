@@ -30,7 +30,9 @@ class Material:
     gloss: Spectrum
     retro: Spectrum
 
-    def brdf(self, normal: ArrayLike, to_source: ArrayLike, to_viewer: ArrayLike, wavelength_nm: ArrayLike) -> FloatArray:
+    def brdf(
+        self, normal: ArrayLike, to_source: ArrayLike, to_viewer: ArrayLike, wavelength_nm: ArrayLike
+    ) -> FloatArray:
         """f [sr⁻¹] for unit vectors (..., 3) that leave the surface, and wavelengths broadcast against them [nm].
 
         Zero where source or viewer stand behind the surface.
@@ -75,7 +77,11 @@ def _spectrum(entry: object) -> Spectrum:
 
 def available() -> tuple[str, ...]:
     """Names of all shipped materials, sorted."""
-    return tuple(sorted(f.name.removesuffix(".toml") for f in (files("materials") / "data").iterdir() if f.name.endswith(".toml")))
+    return tuple(
+        sorted(
+            f.name.removesuffix(".toml") for f in (files("materials") / "data").iterdir() if f.name.endswith(".toml")
+        )
+    )
 
 
 @cache

@@ -19,13 +19,18 @@ class Requirement(BaseModel):
 
     cnr_min: Positive = Field(10.0, description="contrast-to-noise ratio, at least")
     full_well_fraction_max: Fraction = Field(0.7, description="bright bits over full well, at most")
-    px_per_bit_min: Positive = Field(2.0, description="pixels along the shorter side of a bit, at least; 3 where OpenCV's ArUco decodes")
+    px_per_bit_min: Positive = Field(
+        2.0, description="pixels along the shorter side of a bit, at least; 3 where OpenCV's ArUco decodes"
+    )
     smear_px_max: Positive = Field(0.5, description="motion during an exposure [px], at most")
     detection_min: Fraction = Field(0.99, description="share of frames whose marker is found, at least")
     attitude_error_max_deg: Positive = Field(
-        2.0, description="95th percentile of attitude error [deg], at most; assumption, the thesis's figure 3.6 is not in print as numbers"
+        2.0,
+        description="95th percentile of attitude error [deg], at most; assumption, the thesis's figure 3.6 is not in print as numbers",
     )
-    range_error_max: Fraction = Field(0.02, description="95th percentile of range error over range, at most; assumption")
+    range_error_max: Fraction = Field(
+        0.02, description="95th percentile of range error over range, at most; assumption"
+    )
 
 
 @dataclass(frozen=True)

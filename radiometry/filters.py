@@ -21,12 +21,16 @@ class Bandpass(BaseModel):
     low_nm: Wavelength = Field(800.0, description="wavelength of half transmission, short side [nm]")
     high_nm: Wavelength = Field(900.0, description="wavelength of half transmission, long side [nm]")
     transmission: Fraction = Field(1.0, description="transmission inside the band")
-    edge_nm: Annotated[float, Field(gt=0, le=50)] = Field(0.1, description="width of each edge, 0 to full transmission [nm]")
+    edge_nm: Annotated[float, Field(gt=0, le=50)] = Field(
+        0.1, description="width of each edge, 0 to full transmission [nm]"
+    )
 
     @model_validator(mode="after")
     def _ordered(self) -> Bandpass:
         if self.high_nm - self.low_nm <= self.edge_nm:
-            raise ValueError(f"high_nm: {self.high_nm:g} nm must exceed low_nm {self.low_nm:g} nm by more than the edge of {self.edge_nm:g} nm")
+            raise ValueError(
+                f"high_nm: {self.high_nm:g} nm must exceed low_nm {self.low_nm:g} nm by more than the edge of {self.edge_nm:g} nm"
+            )
         return self
 
     def spectrum(self) -> Spectrum:

@@ -26,7 +26,13 @@ def _unit(vector: FloatArray) -> FloatArray:
 
 
 def ring_transport(
-    points_m: ArrayLike, viewer_m: ArrayLike, leds_m: ArrayLike, axis: ArrayLike, ring: LedRing, brdf: Brdf, wavelength_nm: ArrayLike
+    points_m: ArrayLike,
+    viewer_m: ArrayLike,
+    leds_m: ArrayLike,
+    axis: ArrayLike,
+    ring: LedRing,
+    brdf: Brdf,
+    wavelength_nm: ArrayLike,
 ) -> FloatArray:
     """Radiance of an unshadowed point towards the viewer per unit on-axis intensity of the whole ring [m⁻²].
 
@@ -53,14 +59,18 @@ def ring_transport(
     return np.mean(brdf(_NORMAL, to_led, to_viewer, wavelength) * strength, axis=-2)
 
 
-def sun_transport(points_m: ArrayLike, viewer_m: ArrayLike, to_sun: ArrayLike, brdf: Brdf, wavelength_nm: ArrayLike) -> FloatArray:
+def sun_transport(
+    points_m: ArrayLike, viewer_m: ArrayLike, to_sun: ArrayLike, brdf: Brdf, wavelength_nm: ArrayLike
+) -> FloatArray:
     """Radiance of an unshadowed point towards the viewer per unit solar irradiance [sr⁻¹]: f cosθ_i, (..., w)."""
     to_viewer = _unit(np.asarray(viewer_m, float) - np.asarray(points_m, float))[..., None, :]
     to_sun = np.asarray(to_sun, float)
     return brdf(_NORMAL, to_sun, to_viewer, np.asarray(wavelength_nm, float)) * max(to_sun[2], 0.0)
 
 
-def electron_rate(transport: ArrayLike, wavelength_nm: ArrayLike, strength: Spectrum, responsivity: Spectrum) -> FloatArray:
+def electron_rate(
+    transport: ArrayLike, wavelength_nm: ArrayLike, strength: Spectrum, responsivity: Spectrum
+) -> FloatArray:
     """Electron rate of a pixel on the axis [e⁻/s]: ∫ T(λ) s(λ) r(λ) dλ, T linear between its samples.
 
     Args:
@@ -76,7 +86,9 @@ def electron_rate(transport: ArrayLike, wavelength_nm: ArrayLike, strength: Spec
     nodes = np.asarray(wavelength_nm, float)
     upper = np.clip(np.searchsorted(nodes, grid), 1, len(nodes) - 1)
     share = np.clip((grid - nodes[upper - 1]) / (nodes[upper] - nodes[upper - 1]), 0, 1)
-    weights = np.bincount(upper, trapezoid * share, len(nodes)) + np.bincount(upper - 1, trapezoid * (1 - share), len(nodes))
+    weights = np.bincount(upper, trapezoid * share, len(nodes)) + np.bincount(
+        upper - 1, trapezoid * (1 - share), len(nodes)
+    )
     return np.asarray(transport, float) @ weights
 
 
@@ -112,7 +124,9 @@ def reflective_fill(pixels_px: ArrayLike, rectangles_px: ArrayLike, psf_sigma_px
 
 def smear_px(camera: Camera, range_m: ArrayLike, speed_m_s: ArrayLike, exposure_s: ArrayLike) -> FloatArray:
     """Length that a point moving across the line of sight draws on the detector during an exposure [px], the finer pitch."""
-    return max(camera.focal_px) * np.asarray(speed_m_s, float) * np.asarray(exposure_s, float) / np.asarray(range_m, float)
+    return (
+        max(camera.focal_px) * np.asarray(speed_m_s, float) * np.asarray(exposure_s, float) / np.asarray(range_m, float)
+    )
 
 
 def snr(signal_e: ArrayLike, dark_e: ArrayLike, noise_e: ArrayLike) -> FloatArray:

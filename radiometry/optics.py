@@ -100,7 +100,9 @@ def wavelength_nodes(transmission: Spectrum, count: int = 4) -> tuple[int, ...]:
     if count < 4 or count % 4:
         raise ValueError(f"wavelength nodes: {count}, expected a multiple of 4")
     low, high = transmission.support_nm
-    nodes = tuple(int(n) for n in np.rint((low + high) / 2 + (high - low) / 2 * np.polynomial.legendre.leggauss(count)[0]))
+    nodes = tuple(
+        int(n) for n in np.rint((low + high) / 2 + (high - low) / 2 * np.polynomial.legendre.leggauss(count)[0])
+    )
     if len(set(nodes)) < count:
         raise ValueError(f"passband {low:g}-{high:g} nm is too narrow for {count} nodes of whole nanometres")
     return nodes

@@ -67,7 +67,9 @@ class LedRing(BaseModel):
         12.0, description="angle from the axis at which intensity has halved [deg]"
     )
     centroid_nm: Annotated[float, Field(ge=350, le=1150)] = Field(850.0, description="centre of the emission line [nm]")
-    fwhm_nm: Annotated[float, Field(gt=0, le=200)] = Field(30.0, description="full width at half maximum of the line [nm]")
+    fwhm_nm: Annotated[float, Field(gt=0, le=200)] = Field(
+        30.0, description="full width at half maximum of the line [nm]"
+    )
     electrical_power_w: Positive = Field(2.1, description="electrical power of one LED while it is on [W]")
     wall_plug_limit: Fraction = Field(1.0, description="largest credible optical over electrical power")
 

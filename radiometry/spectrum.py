@@ -29,7 +29,9 @@ class Spectrum:
     def __post_init__(self) -> None:
         wavelength, values = np.array(self.wavelength_nm, float), np.array(self.values, float)
         if wavelength.ndim != 1 or wavelength.shape != values.shape or len(wavelength) < 2:
-            raise ValueError(f"spectrum: wavelengths {wavelength.shape} and values {values.shape} must be equal, 1-D, at least 2")
+            raise ValueError(
+                f"spectrum: wavelengths {wavelength.shape} and values {values.shape} must be equal, 1-D, at least 2"
+            )
         if not (np.all(np.isfinite(wavelength)) and np.all(np.isfinite(values))):
             raise ValueError("spectrum: every wavelength [nm] and value must be finite")
         if np.any(np.diff(wavelength) <= 0):

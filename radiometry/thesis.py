@@ -52,7 +52,9 @@ class PrintedModel:
         radiance = irradiance * self.brdf_sr  # slip: the retro peak serves the Sun too
         lens = np.pi * (self.focal_length_m / self.f_number) ** 2 / range_m**2  # slip: diameter taken for radius
         per_pixel = radiance * bit_area * lens / bit_px**2  # slip: divides below one pixel, too
-        photons = per_pixel * self.pixel_pitch_mm**2 * self.wavelength_m / (constants.h * constants.c)  # slip: a second pixel area
+        photons = (
+            per_pixel * self.pixel_pitch_mm**2 * self.wavelength_m / (constants.h * constants.c)
+        )  # slip: a second pixel area
         return photons * np.asarray(exposure_s, float) * self.quantum_efficiency * self.throughput
 
     def noise_e(self, signal_e: ArrayLike) -> FloatArray:

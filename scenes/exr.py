@@ -58,7 +58,9 @@ def read_basis(path: Path | str) -> TransportBasis:
     return TransportBasis(nodes, layers, attributes)
 
 
-def write_channels(channels: dict[str, NDArray[np.float32]], attributes: dict[str, str | float], path: Path | str) -> None:
+def write_channels(
+    channels: dict[str, NDArray[np.float32]], attributes: dict[str, str | float], path: Path | str
+) -> None:
     """Write float32 channels and attributes to a ZIP-compressed EXR, whole or not at all."""
     import OpenEXR
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import lru_cache
 from typing import Annotated
 
 import cv2
@@ -58,7 +58,9 @@ class MarkerDesign(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    size_m: Annotated[float, Field(gt=0, le=10, allow_inf_nan=False)] = Field(0.10, description="side of the marker [m]")
+    size_m: Annotated[float, Field(gt=0, le=10, allow_inf_nan=False)] = Field(
+        0.10, description="side of the marker [m]"
+    )
     dictionary: str = Field("4X4_50", description="OpenCV dictionary without its DICT_ prefix")
     identity: int = Field(0, ge=0, description="index in the dictionary")
     aruco_fraction: Fraction = Field(0.525, description="ArUco side over marker side, black border included")
@@ -76,31 +78,34 @@ class MarkerDesign(BaseModel):
 
     def model_post_init(self, _: object) -> None:
         if f"DICT_{self.dictionary}" not in dir(cv2.aruco):
-            raise ValueError(f"dictionary: {self.dictionary!r} is not one of OpenCV's (say '4X4_50' or 'APRILTAG_36h11')")
-        if self.identity >= len(self._dictionary.bytesList):
-            raise ValueError(f"identity: {self.identity}, but {self.dictionary} has {len(self._dictionary.bytesList)}")
+            raise ValueError(
+                f"dictionary: {self.dictionary!r} is not one of OpenCV's (say '4X4_50' or 'APRILTAG_36h11')"
+            )
+        if self.identity >= len(aruco_dictionary(self.dictionary).bytesList):
+            raise ValueError(
+                f"identity: {self.identity}, but {self.dictionary} has {len(aruco_dictionary(self.dictionary).bytesList)}"
+            )
         reach = 0.5 + self.gap_fraction + self.element_width_fraction
         if reach * self.aruco_fraction > 0.5:
-            raise ValueError(f"elements reach {reach * self.aruco_fraction:.3f} of the marker's side from its centre; at most 0.5")
+            raise ValueError(
+                f"elements reach {reach * self.aruco_fraction:.3f} of the marker's side from its centre; at most 0.5"
+            )
         if self.ring_fraction > self.gap_fraction:
             raise ValueError(f"ring_fraction: {self.ring_fraction} exceeds gap_fraction {self.gap_fraction}")
         if self.element_depth_fraction >= self.virtual_depth_fraction:
-            raise ValueError("element_depth_fraction must be smaller than virtual_depth_fraction: slats meet at the virtual line")
-
-    @property
-    def _dictionary(self) -> cv2.aruco.Dictionary:
-        return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{self.dictionary}"))
+            raise ValueError(
+                "element_depth_fraction must be smaller than virtual_depth_fraction: slats meet at the virtual line"
+            )
 
     @property
     def aruco_m(self) -> float:
         """Side of the ArUco square, black border included [m]."""
         return self.aruco_fraction * self.size_m
 
-    @cached_property
+    @property
     def bits(self) -> NDArray[np.bool_]:
-        """Printed pattern with its black border, (n, n), row 0 on top; True is reflective."""
-        cells = self._dictionary.markerSize + 2
-        return self._dictionary.generateImageMarker(self.identity, cells, borderBits=1) > 127
+        """Printed pattern with its black border, (n, n), row 0 on top; True is reflective. Read-only."""
+        return _bits(self.dictionary, self.identity)
 
     @property
     def bit_m(self) -> float:
@@ -122,20 +127,25 @@ class MarkerDesign(BaseModel):
         """Front plane to mounting plane [m]: the cavity and a tenth of it as a back wall."""
         return 1.1 * self.element_depth_m
 
-    @cached_property
+    @property
     def corners_m(self) -> FloatArray:
         """Corners of the ArUco square, (4, 3): top left first, clockwise as seen [m]."""
         h = self.aruco_m / 2
         return np.array([[-h, h, 0], [h, h, 0], [h, -h, 0], [-h, -h, 0]])
 
-    @cached_property
+    @property
     def elements(self) -> tuple[Element, Element, Element, Element]:
         """Top, right, bottom and left element. Opposite elements have their virtual lines off centre to opposite sides."""
         width = self.element_width_fraction * self.aruco_m
         offset = self.virtual_offset_fraction * self.element_length_m
         radius = self.aruco_m * (0.5 + self.gap_fraction) + width / 2
         x, y = np.array([1.0, 0, 0]), np.array([0, 1.0, 0])
-        placed = ((radius * y, x, y, offset), (radius * x, y, x, offset), (-radius * y, x, y, -offset), (-radius * x, y, x, -offset))
+        placed = (
+            (radius * y, x, y, offset),
+            (radius * x, y, x, offset),
+            (-radius * y, x, y, -offset),
+            (-radius * x, y, x, -offset),
+        )
         top, right, bottom, left = (
             Element(
                 name, centre, along, across, self.element_length_m, width, self.element_depth_m, u0,
@@ -145,7 +155,7 @@ class MarkerDesign(BaseModel):
         )  # fmt: skip
         return top, right, bottom, left
 
-    @cached_property
+    @property
     def virtual_points_m(self) -> dict[str, FloatArray]:
         """Where the virtual lines of one horizontal and one vertical element cross, by 'top_right' and so on, (3,) [m]."""
         top, right, bottom, left = self.elements
@@ -177,7 +187,9 @@ class MarkerDesign(BaseModel):
         far = near + self.element_width_fraction * self.aruco_m
         end = self.element_length_m / 2
         bit_edges = np.linspace(-a, a, len(self.bits) + 1)
-        edges = np.unique(np.round(np.concatenate([s * np.array([half, ring, near, far, end]) for s in (-1, 1)] + [bit_edges]), 12))
+        edges = np.unique(
+            np.round(np.concatenate([s * np.array([half, ring, near, far, end]) for s in (-1, 1)] + [bit_edges]), 12)
+        )
         for x0, x1 in zip(edges[:-1], edges[1:], strict=True):
             for y0, y1 in zip(edges[:-1], edges[1:], strict=True):
                 x, y = abs(x0 + x1) / 2, abs(y0 + y1) / 2
@@ -205,7 +217,12 @@ class MarkerDesign(BaseModel):
         half, back = self.size_m / 2, -self.thickness_m
         for nx, ny in ((1, 0), (0, 1), (-1, 0), (0, -1)):
             (ax, ay), (bx, by) = (nx - ny, ny + nx), (nx + ny, ny - nx)
-            side = [(half * ax, half * ay, 0), (half * bx, half * by, 0), (half * bx, half * by, back), (half * ax, half * ay, back)]
+            side = [
+                (half * ax, half * ay, 0),
+                (half * bx, half * by, 0),
+                (half * bx, half * by, back),
+                (half * ax, half * ay, back),
+            ]
             parts["absorber"].append(_quad(side, (nx, ny, 0)))
         return {material: _join(quads) for material, quads in parts.items()}
 
@@ -229,11 +246,27 @@ class MarkerDesign(BaseModel):
         pitch = e.length_m / self.slit_count
         for i in range(self.slit_count + 1):
             centre = -end + i * pitch
-            low, high = max(centre - self.slat_fraction * pitch / 2, -end), min(centre + self.slat_fraction * pitch / 2, end)
+            low, high = (
+                max(centre - self.slat_fraction * pitch / 2, -end),
+                min(centre + self.slat_fraction * pitch / 2, end),
+            )
             solid.append(_quad([at(low, -hv, 0), at(high, -hv, 0), at(high, hv, 0), at(low, hv, 0)], z))
             for u, outward in ((low, -1.0), (high, 1.0)):
                 solid.append(_quad([at(u, -hv, 0), at(u, hv, 0), at(u, hv, t), at(u, -hv, t)], outward * e.along))
         return floor, solid
+
+
+def aruco_dictionary(name: str) -> cv2.aruco.Dictionary:
+    """OpenCV's dictionary of that name, without its DICT_ prefix."""
+    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{name}"))
+
+
+@lru_cache
+def _bits(dictionary: str, identity: int) -> NDArray[np.bool_]:
+    chosen = aruco_dictionary(dictionary)
+    pattern = chosen.generateImageMarker(identity, chosen.markerSize + 2, borderBits=1) > 127
+    pattern.flags.writeable = False
+    return pattern
 
 
 def _quad(points: list, outward: object) -> FloatArray:

@@ -15,11 +15,15 @@ class Target(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    face_m: Annotated[float, Field(gt=0, le=50, allow_inf_nan=False)] = Field(1.0, description="side of the square face [m]")
+    face_m: Annotated[float, Field(gt=0, le=50, allow_inf_nan=False)] = Field(
+        1.0, description="side of the square face [m]"
+    )
     face_material: str = Field("mli_foil", description="material of the face, a name of the library")
     tape_material: str = Field("tape_type_xi", description="material of the marker's reflective parts")
     absorber_material: str = Field("black_coating", description="material of the marker's absorbing parts")
-    facet_m: Annotated[float, Field(gt=0)] = Field(0.02, description="side of a facet of the crinkled foil [m]; assumption")
+    facet_m: Annotated[float, Field(gt=0)] = Field(
+        0.02, description="side of a facet of the crinkled foil [m]; assumption"
+    )
     facet_slope_deg: Annotated[float, Field(ge=0, le=30)] = Field(
         4.0, description="standard deviation of the facets' slope [deg]; 0 is a flat sheet; assumption"
     )
@@ -29,7 +33,8 @@ class Target(BaseModel):
     roll_deg: Annotated[float, Field(ge=-180, le=180)] = Field(0.0, description="turn about the marker's normal [deg]")
     tumble_deg_s: Annotated[float, Field(ge=0, le=360)] = Field(5.0, description="rate of turn, SYS-REQ-5 [deg/s]")
     tumble_lever_m: Annotated[float, Field(ge=0, le=50)] = Field(
-        0.57, description="distance of the marker from the axis of turn [m]; assumption: near half a 1 m face's diagonal"
+        0.57,
+        description="distance of the marker from the axis of turn [m]; assumption: near half a 1 m face's diagonal",
     )
 
 

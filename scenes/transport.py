@@ -10,6 +10,7 @@ square to the Sun [sr⁻¹]. The renderer's own scene is in millimetres, for its
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from typing import Any
@@ -117,7 +118,10 @@ def render_basis(view: View, quality: Quality | None = None) -> TransportBasis:
         RuntimeError: when no Mitsuba variant can run here.
     """
     quality = quality or Quality()
-    scene = _scene(view.marker, view.target)
+    from scenes.llvm import activate_variant
+
+    scalar = activate_variant().startswith("scalar")
+    scene = None if scalar else _scene(view.marker, view.target)
     camera = view.camera
     whole = Region(0, 0, camera.width_px, camera.height_px, quality.frame_samples)
     layers = _render_region(scene, view, whole, quality.seed)
@@ -147,23 +151,52 @@ def marker_region(view: View, rays: int, margin_px: int = 4) -> Region | None:
 
 
 def _render_region(scene: Any, view: View, region: Region, seed: int) -> dict[str, NDArray[np.float32]]:
-    """Basis images of a region, (nodes, height, width) by light."""
+    """Basis images of a region, (nodes, height, width) by light; without a batched scene, by Mitsuba's own renderer."""
     pad = int(np.ceil(4 * view.camera.psf_sigma_px + 0.5))
-    rows = _reduction(region.height, pad, region.samples, view.camera.psf_sigma_px)
-    columns = _reduction(region.width, pad, region.samples, view.camera.psf_sigma_px)
+    fine = _stock_subpixels if scene is None else _traced_subpixels
     result = {light: np.empty((len(view.nodes_nm), region.height, region.width), np.float32) for light in LIGHTS}
+    for light, k, image, steps in fine(scene, view, region, pad, seed):
+        columns = _reduction(region.width, pad, image.shape[1], steps[0], view.camera.psf_sigma_px)
+        rows = _reduction(region.height, pad, image.shape[0], steps[1], view.camera.psf_sigma_px)
+        result[light][k] = rows @ (image @ columns.T)
+    return result
+
+
+#: A light, the index of a wavelength, its sub-pixels (height, width), and their size along x and y [px].
+_SubPixels = tuple[str, int, NDArray[np.float32], tuple[float, float]]
+
+
+def _traced_subpixels(scene: Any, view: View, region: Region, pad: int, seed: int) -> Iterator[_SubPixels]:
+    """Sub-pixels by the batched renderer, four wavelengths at a time."""
+    step = 1 / region.samples
     for first in range(0, len(view.nodes_nm), 4):
         fine = _trace(scene, view, region, pad, view.nodes_nm[first : first + 4], seed)
         for light, images in fine.items():
             for k, image in enumerate(images):
-                result[light][first + k] = rows @ (image @ columns.T)
-    return result
+                yield light, first + k, image, (step, step)
+
+
+def _stock_subpixels(scene: Any, view: View, region: Region, pad: int, seed: int) -> Iterator[_SubPixels]:
+    """Sub-pixels by Mitsuba's own renderer, for scalar variants; once only where no material changes with wavelength."""
+    from scenes.stock import render_subpixels
+
+    target = view.target
+    materials = [library.load(name) for name in (target.tape_material, target.absorber_material, target.face_material)]
+    flat = all(np.ptp(s.values) == 0 for m in materials for s in (m.diffuse, m.gloss, m.retro))
+    fx, fy = view.camera.focal_px
+    steps = (1 / region.samples, fy / fx / region.samples)
+    for light in LIGHTS:
+        image = None
+        for k, node in enumerate(view.nodes_nm):
+            if image is None or not flat:
+                image = render_subpixels(view, region, pad, node, light, seed)
+            yield light, k, image, steps
 
 
 @lru_cache(maxsize=64)
-def _reduction(pixels: int, pad: int, samples: int, psf_sigma_px: float) -> NDArray[np.float32]:
-    """Matrix (pixels, (pixels + 2 pad) · samples) that integrates sub-pixels against the point-spread ⊗ pixel kernel."""
-    edges = np.arange((pixels + 2 * pad) * samples + 1) / samples - pad - 0.5
+def _reduction(pixels: int, pad: int, count: int, step_px: float, psf_sigma_px: float) -> NDArray[np.float32]:
+    """Matrix (pixels, count) that integrates sub-pixels of a size against the point-spread ⊗ pixel kernel."""
+    edges = np.arange(count + 1) * step_px - pad - 0.5
     cumulative = pixel_profile_integral(edges - np.arange(pixels)[:, None], psf_sigma_px)
     matrix = np.diff(cumulative, axis=1)
     return (matrix / matrix.sum(axis=1, keepdims=True)).astype(np.float32)
@@ -175,9 +208,7 @@ def _scene(marker: MarkerDesign, target: Target) -> Any:
     import mitsuba as mi
 
     from materials import plugins
-    from scenes.llvm import activate_variant
 
-    activate_variant()
     plugins.register()
     description: dict[str, Any] = {"type": "scene"}
     names = {"retro": target.tape_material, "absorber": target.absorber_material}
@@ -186,7 +217,9 @@ def _scene(marker: MarkerDesign, target: Target) -> Any:
     for key, ((vertices, faces), material) in meshes.items():
         props = mi.Properties()
         props["bsdf"] = mi.load_dict(plugins.bsdf_dict(library.load(material)))
-        mesh = mi.Mesh(key, len(vertices), len(faces), props=props, has_vertex_normals=False, has_vertex_texcoords=False)
+        mesh = mi.Mesh(
+            key, len(vertices), len(faces), props=props, has_vertex_normals=False, has_vertex_texcoords=False
+        )
         parameters = mi.traverse(mesh)
         parameters["vertex_positions"] = np.ascontiguousarray(vertices * MM_PER_M, dtype=np.float32).ravel()
         parameters["faces"] = np.ascontiguousarray(faces, dtype=np.uint32).ravel()
@@ -259,5 +292,6 @@ def _trace(
     dr.eval(from_leds, from_sun)
     spectra = {"led": from_leds, "sun": from_sun}
     return {
-        light: [np.array(value[k], copy=False).reshape(height, width) for k in range(len(nodes_nm))] for light, value in spectra.items()
+        light: [np.array(value[k], copy=False).reshape(height, width) for k in range(len(nodes_nm))]
+        for light, value in spectra.items()
     }

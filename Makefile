@@ -1,0 +1,34 @@
+# `make budget` sets up and runs the main job, `make test` sets up and runs every test. ARGS is passed on to either.
+SHELL := /bin/sh
+PYTHON_VENV := .venv/bin/python
+READY := .venv/.ready
+
+.PHONY: setup budget test lint bench clean
+.DEFAULT_GOAL := budget
+
+setup: $(READY)
+
+$(READY): pyproject.toml scripts/setup-venv.sh scripts/setup-llvm.sh
+	sh scripts/setup-venv.sh
+	sh scripts/setup-llvm.sh $(PYTHON_VENV)
+	@touch $@
+
+budget: setup
+	.venv/bin/mantis budget --out out/budget $(ARGS)
+
+# Rendering fills all cores by itself, so two workers only bridge its gaps; BLAS threads would compete with both.
+test: export OPENBLAS_NUM_THREADS := 1
+test: setup
+	$(PYTHON_VENV) -m pytest -n 2 --dist loadfile $(ARGS)
+
+lint: setup
+	.venv/bin/ruff check .
+	.venv/bin/ruff format --check .
+	.venv/bin/mypy
+
+bench: setup
+	$(PYTHON_VENV) benchmarks/variants.py
+
+clean:
+	rm -rf .venv out build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

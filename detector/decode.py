@@ -1,0 +1,106 @@
+"""Which identity and which of the four turns best explains the pixels within a quadrilateral.
+
+Rather than thresholding sampled bits, every pattern of the dictionary is rendered through the homography with the
+blur of lens and pixel, and fitted with a free level and amplitude; all of it in the space of cells, where the patterns
+are linear. Blur between neighbouring bits is then part of the signal instead of an error.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import numpy as np
+
+from detector.corners import gather
+from detector.pattern import Pattern, PixelSet, homography, pixels_within
+from radiometry.geometry import FloatArray
+from scenes.marker import MarkerDesign, aruco_dictionary
+
+#: Most pixels a decode uses: about eight per cell of the default dictionary.
+MAX_PIXELS = 500
+
+
+@dataclass(frozen=True)
+class Decoded:
+    """Best match of a quadrilateral whose corners are numbered clockwise."""
+
+    identity: int
+    turn: int  # corners rolled by −turn start at the marker's top left
+    correlation: float  # of the best pattern, in [−1, 1]
+    margin: float  # 1 − ρ² of the best over that of the best other identity, in [0, 1]; small is certain
+
+
+class Decoder:
+    """All identities of a marker's dictionary in all four turns, as cells."""
+
+    def __init__(self, marker: MarkerDesign):
+        self.pattern = Pattern(marker)
+        self.own = marker.identity
+        dictionary = aruco_dictionary(marker.dictionary)
+        count = dictionary.markerSize + 2
+        cells = []
+        for identity in range(len(dictionary.bytesList)):
+            bits = dictionary.generateImageMarker(identity, count, borderBits=1) > 127
+            # Turn k: the marker's top left is corner k of the quadrilateral, so the print appears turned clockwise.
+            cells += [Pattern.with_bits(np.rot90(bits, -turn)).ravel() for turn in range(4)]
+        self.templates = np.array(cells)
+
+    def decode(self, image: np.ndarray, corners_px: FloatArray, sigma_px: float, ceiling_dn: float) -> tuple[Decoded, Decoded] | None:
+        """Best match over all identities, and over this marker's identity; None where the quadrilateral holds too little.
+
+        Readings above `ceiling_dn` are clipped to it.
+        """
+        origin = np.round(corners_px.mean(0))
+        matrix = homography(corners_px - origin)
+        reach = 1 + 2 * self.pattern.marker.ring_fraction
+        absolute = homography(corners_px)
+        pixels = pixels_within(absolute, reach, (image.shape[0], image.shape[1]), most=MAX_PIXELS)
+        if len(pixels) < 40:
+            return None
+        data = np.minimum(gather(image, pixels), ceiling_dn)
+        data -= data.mean()
+        power = float(data @ data)
+        if power <= 0:
+            return None
+        across, up = self.pattern.cell_responses(PixelSet(pixels - origin, matrix, sigma_px))
+        basis = (across[:, :, None] * up[:, None, :]).reshape(len(pixels), -1)
+        basis -= basis.mean(0)
+        match = self.templates @ (basis.T @ data)
+        norm = np.einsum("ti,ti->t", self.templates @ (basis.T @ basis), self.templates)
+        correlation = (match / np.sqrt(np.maximum(norm, 1e-12) * power)).reshape(-1, 4)
+        best = correlation.max(1)
+        first = int(best.argmax())
+        return self._result(correlation, best, first), self._result(correlation, best, self.own)
+
+    @staticmethod
+    def _result(correlation: FloatArray, best: FloatArray, identity: int) -> Decoded:
+        rival = float(np.delete(best, identity).max()) if len(best) > 1 else 0.0
+        own = float(best[identity])
+        margin = (1 - own**2) / max(1 - max(rival, 0.0) ** 2, 1e-12)
+        return Decoded(identity, int(correlation[identity].argmax()), own, margin)
+
+
+@lru_cache(maxsize=8)
+def decoder_of(marker: MarkerDesign) -> Decoder:
+    """The decoder of a marker; made once, as a dictionary's patterns take longer than a frame."""
+    return Decoder(marker)
+
+
+def has_ring(image: np.ndarray, corners_px: FloatArray, pattern: Pattern, noise_dn: float) -> bool:
+    """Cheap first test of a quadrilateral: a reflective ring outside a darker border on all four sides."""
+    ring, border = 1 + pattern.marker.ring_fraction, 1 - 1 / len(pattern.marker.bits)
+    along = np.linspace(-0.85, 0.85, 8)
+    sides = [np.stack(np.broadcast_arrays(*xy), -1) for r in (ring, border) for xy in ((along, r), (r, along), (along, -r), (-r, along))]
+    matrix = cv2.getPerspectiveTransform(_SQUARE32, corners_px.astype(np.float32))
+    points = np.array(sides).reshape(-1, 2) @ matrix[:, :2].T + matrix[:, 2]
+    at = np.rint(points[:, :2] / points[:, 2:])
+    if not np.isfinite(at).all() or (at < 0).any() or (at >= image.shape[::-1]).any():
+        return False
+    values = gather(image, at).reshape(2, 4, -1)
+    bright, dark = values.mean(2)
+    return bool((bright > dark).all() and bright.mean() > dark.mean() + noise_dn)
+
+
+_SQUARE32 = np.array([[-1, 1], [1, 1], [1, -1], [-1, -1]], np.float32)

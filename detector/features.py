@@ -1,0 +1,127 @@
+"""Features of a Mantis Marker in one frame: identity, corners, blobs and virtual points, each with its uncertainty."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from detector.blobs import Blob, find_blob
+from detector.candidates import search
+from detector.corners import PatternFit, fit_pattern
+from detector.decode import decoder_of, has_ring
+from detector.noise import NoiseModel, estimate_noise
+from detector.pattern import kernel_sigma_px, project
+from radiometry.geometry import FloatArray
+from radiometry.optics import Camera
+from scenes.marker import ELEMENT_NAMES, MarkerDesign
+
+#: A quadrilateral is worth a fit from this correlation with the marker's pattern on.
+MIN_CORRELATION = 0.45
+#: Accepted when the pattern leaves at most this part of the light's variance unexplained by noise ...
+MAX_UNEXPLAINED = 0.15
+#: ... and white stands out over black by this many standard deviations of the mean over all pixels.
+MIN_SIGNIFICANCE = 12.0
+
+
+@dataclass(frozen=True)
+class Features:
+    """What was found of a marker in an image. Pixel centres lie at integer coordinates (column, row)."""
+
+    identity: int | None
+    """Decoded identity; another than the marker's where only such a one was seen."""
+    corners_px: FloatArray | None
+    """Corners of the ArUco square, (4, 2), the marker's top left first, clockwise [px]."""
+    corners_covariance_px2: FloatArray | None
+    """Covariance of each corner, (4, 2, 2) [px²]."""
+    blobs_px: dict[str, FloatArray | None]
+    """Blob of each element, by name: its point on the element's centre line in the front plane, (2,) [px]."""
+    blob_sigma_px: dict[str, float]
+    """Standard deviation of each found blob along its element [px]."""
+    virtual_points_px: dict[str, FloatArray]
+    """Images (2,) of the virtual points whose two blobs were found, by `MarkerDesign.virtual_points_m` key [px]."""
+    reason: str | None
+    """What is missing and why, in one line; None when everything was found."""
+    joint_covariance_px2: FloatArray | None = field(default=None, repr=False)
+    """Covariance of all eight corner coordinates x0, y0, x1, ..., (8, 8) [px²]."""
+
+    @property
+    def detected(self) -> bool:
+        """True where the marker was decoded with the right identity and its corners were found."""
+        return self.corners_px is not None
+
+
+def detect_features(image: ArrayLike, marker: MarkerDesign, camera: Camera, noise: NoiseModel | None = None) -> Features:
+    """Find the marker and measure its corners and blobs.
+
+    `image`: (H, W) digital numbers or electrons, integer or real, any bit depth. `camera` gives the point spread and,
+    for the slits' perspective, the focal length. `noise` is estimated from the image where it is not given.
+    Raises ValueError for an image that is not two-dimensional or holds non-finite values.
+    """
+    frame = _checked(image)
+    noise = noise or estimate_noise(frame)
+    sigma_px = kernel_sigma_px(camera.psf_sigma_px)
+    found, other = _find_pattern(frame, marker, sigma_px, noise)
+    if found is None:
+        seen = f"only identity {other} seen" if other is not None else "no marker found"
+        return Features(other, None, None, dict.fromkeys(ELEMENT_NAMES), {}, {}, seen)
+    blobs = {e.name: find_blob(frame, found, marker, e, camera, sigma_px, noise) for e in marker.elements}
+    good = {name: blob for name, blob in blobs.items() if isinstance(blob, Blob)}
+    missing = [f"{name} blob: {why}" for name, why in blobs.items() if isinstance(why, str)]
+    half = marker.aruco_m / 2
+    virtual = {}
+    for key in marker.virtual_points_m:
+        horizontal, vertical = key.split("_")
+        if horizontal in good and vertical in good:
+            # Lines through the blobs along the slats cross, in the front plane, right above the virtual point.
+            virtual[key] = project(found.matrix, np.array([good[horizontal].offset_m, good[vertical].offset_m]) / half)
+    joint = found.covariance_px2
+    return Features(
+        identity=marker.identity,
+        corners_px=found.corners_px,
+        corners_covariance_px2=np.array([joint[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] for k in range(4)]),
+        blobs_px={name: good[name].position_px if name in good else None for name in ELEMENT_NAMES},
+        blob_sigma_px={name: blob.sigma_px for name, blob in good.items()},
+        virtual_points_px=virtual,
+        reason="; ".join(missing) or None,
+        joint_covariance_px2=joint,
+    )
+
+
+def _checked(image: ArrayLike) -> np.ndarray:
+    frame = np.asarray(image)
+    if frame.ndim != 2 or min(frame.shape) < 16:
+        raise ValueError(f"image: shape {frame.shape}, expected (H, W) of at least 16 × 16 pixels")
+    if not (np.issubdtype(frame.dtype, np.integer) or np.issubdtype(frame.dtype, np.floating)):
+        raise ValueError(f"image: dtype {frame.dtype}, expected integer or real numbers")
+    if not np.isfinite(frame).all():
+        raise ValueError("image: holds NaN or infinity, expected finite values")
+    return frame
+
+
+def _find_pattern(
+    frame: np.ndarray, marker: MarkerDesign, sigma_px: float, noise: NoiseModel
+) -> tuple[PatternFit | None, int | None]:
+    """Fit of the first candidate that bears the marker's pattern, else None and another identity that was seen."""
+    decoder = decoder_of(marker)
+    other = None
+    ceiling = noise.saturated_above_dn
+    for quad, blur_px in search(frame, noise):
+        if not has_ring(frame, quad, decoder.pattern, noise.read_noise_dn):
+            continue
+        decoded = decoder.decode(frame, quad, sigma_px, ceiling)
+        if decoded is None:
+            continue
+        first, own = decoded
+        if own.correlation < MIN_CORRELATION:
+            continue
+        fit = fit_pattern(frame, decoder.pattern, np.roll(quad, -own.turn, axis=0), sigma_px, noise, blur_px)
+        if fit is None or fit.unexplained > MAX_UNEXPLAINED or fit.significance < MIN_SIGNIFICANCE:
+            if first.identity != marker.identity and first.correlation > 0.9:
+                other = first.identity
+            continue
+        checked = decoder.decode(frame, fit.corners_px, sigma_px, ceiling)
+        if checked is not None and checked[0].identity == marker.identity and checked[0].turn == 0:
+            return fit, None
+    return None, other

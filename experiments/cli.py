@@ -1,0 +1,151 @@
+"""The `mantis` command: entry point, options that all verbs share, and how errors are told.
+
+Exit status: 0 done, 2 bad input, 3 the environment cannot run it, 4 a `--require` condition was not met.
+Verbs live in `experiments.verbs` and `experiments.studies`; both import what is heavy only when they run.
+"""
+
+from __future__ import annotations
+
+import functools
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+
+BAD_INPUT, NO_ENVIRONMENT, REQUIREMENT_NOT_MET = 2, 3, 4
+
+
+class RequirementNotMet(Exception):
+    """A `--require` condition that the result does not fulfil; the message says by how much."""
+
+
+class EnvironmentLacking(Exception):
+    """This machine cannot run the verb; the message says what to install."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """The options that every verb takes."""
+
+    out: Path | None
+    seed: int | None
+    json: bool
+    quiet: bool
+    overrides: tuple[str, ...]
+
+    def scenario(self, source: str | None) -> Any:
+        """The scenario of a command line: file or shipped name, `--set`, then `--seed`."""
+        from experiments.scenario import load_scenario
+
+        overrides = self.overrides if self.seed is None else (*self.overrides, f"seed={self.seed}")
+        return load_scenario(source, overrides)
+
+    @property
+    def interactive(self) -> bool:
+        """True where a progress bar may be drawn."""
+        return not self.quiet and not self.json and sys.stderr.isatty()
+
+    def say(self, *lines: Any) -> None:
+        """Print for people: nothing under --quiet or --json."""
+        if not (self.quiet or self.json):
+            from rich.console import Console
+
+            # Tables need a hundred columns; where output is not a terminal its width is unknown.
+            console = Console(width=None if sys.stdout.isatty() else 110, highlight=False)
+            for line in lines:
+                console.print(line)
+
+    def emit(self, data: Any) -> None:
+        """Print one JSON object under --json; NaN becomes null."""
+        if self.json:
+            import json
+
+            click.echo(json.dumps(_plain(data), indent=2, allow_nan=False))
+
+
+def _plain(value: Any) -> Any:
+    """Numbers, lists and strings of JSON for numpy arrays, paths and NaN."""
+    if isinstance(value, dict):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(v) for v in value]
+    if hasattr(value, "tolist"):
+        return _plain(value.tolist())
+    if isinstance(value, float) and not abs(value) < float("inf"):
+        return None
+    return str(value) if isinstance(value, Path) else value
+
+
+def shared_options(function: Callable[..., None]) -> Callable[..., None]:
+    """Add --out, --seed, --json, --quiet and --set, handed over as one `Options`."""
+
+    @click.option("--out", "-o", type=click.Path(path_type=Path), help="File or folder to write.")
+    @click.option("--seed", type=click.IntRange(0), help="Seed of every random number; default the scenario's.")
+    @click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")
+    @click.option("--quiet", "-q", is_flag=True, help="Print nothing but errors.")
+    @click.option(
+        "--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Change a scenario key, say leds.count=50."
+    )
+    @functools.wraps(function)
+    def with_options(
+        *args: Any,
+        out: Path | None,
+        seed: int | None,
+        as_json: bool,
+        quiet: bool,
+        overrides: tuple[str, ...],
+        **kwargs: Any,
+    ) -> None:
+        function(Options(out, seed, as_json, quiet, overrides), *args, **kwargs)
+
+    return with_options
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.version_option(package_name="mantis-radiometry", prog_name="mantis")
+def mantis() -> None:
+    """Does the optical navigation budget close, and if not, what must change?
+
+    Renders a Mantis Marker on a debris face in the light of an LED ring and the Sun, exposes a camera to it, finds the marker
+    and its pose, and holds the result against the closed-form budget.
+    """
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line and return the exit status; errors are one line on standard error."""
+    from experiments import studies, verbs
+
+    for verb in (*verbs.VERBS, *studies.VERBS):
+        mantis.add_command(verb)
+    try:
+        mantis.main(arguments, prog_name="mantis", standalone_mode=False)
+    except click.exceptions.Exit as stop:
+        return stop.exit_code
+    except click.ClickException as error:
+        return _complain(error.format_message(), BAD_INPUT)
+    except RequirementNotMet as error:
+        return _complain(f"required: {error}", REQUIREMENT_NOT_MET)
+    except EnvironmentLacking as error:
+        return _complain(str(error), NO_ENVIRONMENT)
+    except (ValueError, OSError) as error:
+        return _complain(_one_line(error), BAD_INPUT)
+    except (KeyboardInterrupt, click.Abort):
+        return _complain("interrupted; nothing half-written was left", 130)
+    return 0
+
+
+def _one_line(error: Exception) -> str:
+    text = f"{error.filename}: {error.strerror}" if isinstance(error, OSError) and error.strerror else str(error)
+    return " ".join(text.split())
+
+
+def _complain(message: str, status: int) -> int:
+    click.echo(f"mantis: {message}", err=True)
+    return status
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,5 @@
+"""The verbs of the thesis's other studies."""
+
+from __future__ import annotations
+
+VERBS: tuple = ()
