@@ -1,18 +1,18 @@
-"""Plain words for a budget: where it closes, what fails by how much, and the smallest change that mends it."""
+"""Plain words for a budget: where it closes, what fails by how much, and what would mend it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
 
+from experiments.advice import advise
 from experiments.budget import exposure_label, shown_exposure
 from experiments.scenario import Scenario
+from experiments.wording import LIGHT_NAMES, factor, listed, number, percent, ranges_text
 from radiometry.closure import CRITERIA, judge
-
-LIGHT_NAMES = {"eclipse": "eclipse", "sun": "sunlight"}
 
 
 @dataclass(frozen=True)
@@ -20,33 +20,31 @@ class Measure:
     """How a closure criterion is read from the dataset and said in words."""
 
     variable: str
+    name: str
     heading: str
     say: Callable[[float], str]
+    say_limit: Callable[[float], str] = number
 
 
-def number(value: float) -> str:
-    """Three significant digits, groups of three above a thousand: '0.525', '36.9', '31 700'."""
-    if not np.isfinite(value):
-        return "–" if np.isnan(value) else "∞"
-    digits = float(f"{value:.3g}")
-    return f"{digits:,.0f}".replace(",", "\N{NO-BREAK SPACE}") if abs(digits) >= 1000 else f"{digits:.3g}"
-
-
-def percent(value: float) -> str:
-    """A share as a percentage."""
-    return "–" if np.isnan(value) else f"{number(100 * value)} %"
-
-
-#: What the closure criteria are about, in the order in which they bind.
+#: Criterion -> its measure, in the order of `closure.CRITERIA`.
 MEASURES: dict[str, Measure] = {
-    "saturation": Measure("full_well_fraction", "bright bits / full well", lambda v: f"{number(v)} of full well"),
-    "cnr": Measure("cnr_analytic", "CNR", lambda v: f"CNR {number(v)}"),
-    "sampling": Measure("px_per_bit", "px/bit", lambda v: f"{number(v)} px/bit"),
-    "smear": Measure("smear_px", "smear [px]", lambda v: f"{number(v)} px"),
-    "detection": Measure("detected_fraction", "found", lambda v: f"{percent(v)} of frames"),
-    "attitude": Measure("attitude_error_p95_deg", "attitude error p95 [°]", lambda v: f"{number(v)}°"),
-    "range": Measure("range_error_p95", "range error p95", percent),
-}
+    "saturation": Measure(
+        "full_well_fraction", "saturation", "bright bits over full well", lambda v: f"bright bits {number(v)} × full well"
+    ),
+    "cnr": Measure("cnr_analytic", "CNR", "contrast-to-noise ratio, closed form", lambda v: f"CNR {number(v)}"),
+    "sampling": Measure("px_per_bit", "sampling", "pixels per bit", lambda v: f"{number(v)} px/bit"),
+    "smear": Measure("smear_px", "smear", "motion during the exposure [px]", lambda v: f"{number(v)} px"),
+    "detection": Measure(
+        "detected_fraction", "detection", "share of frames with the marker found", lambda v: f"{percent(v)} of frames", percent
+    ),
+    "attitude": Measure(
+        "attitude_error_p95_deg", "attitude", "attitude error, 95th percentile", lambda v: f"{number(v)}°",
+        lambda v: f"{number(v)}°",
+    ),
+    "range": Measure("range_error_p95", "range error", "range error over range, 95th percentile", percent, percent),
+}  # fmt: skip
+#: Criteria that the closed form decides without a frame, for one exposure.
+EXPOSURE_CRITERIA = ("saturation", "cnr", "smear")
 
 
 @dataclass(frozen=True)
@@ -63,24 +61,33 @@ class Shortfall:
 
 @dataclass(frozen=True)
 class CaseVerdict:
-    """One illumination and exposure over all ranges."""
+    """One illumination and exposure over all ranges.
+
+    Attributes:
+        shown: whether this is the exposure that the verdict is about, `budget.shown_exposure`.
+        ranges_m, closing_m: the ranges judged, and those where every criterion is met.
+        shortfalls: by range, then by criterion.
+        text: where it closes, in words.
+        failures: a line for each failing criterion: at which ranges, and the worst of them.
+    """
 
     light: str
     exposure: str
     shown: bool
+    ranges_m: tuple[float, ...]
     closing_m: tuple[float, ...]
     shortfalls: tuple[Shortfall, ...]
-    closes: bool
     text: str
-
-    def failing(self, criterion: str) -> list[Shortfall]:
-        """The shortfalls of one criterion, over range."""
-        return [s for s in self.shortfalls if s.criterion == criterion]
+    failures: tuple[str, ...]
 
     @property
-    def summaries(self) -> list[str]:
-        """A line for each failing criterion: at which ranges, and the worst of them."""
-        return [_summary(self.failing(name)) for name in CRITERIA if self.failing(name)]
+    def closes(self) -> bool:
+        """True where every criterion is met at every range."""
+        return len(self.closing_m) == len(self.ranges_m)
+
+    def at(self, range_m: float) -> list[Shortfall]:
+        """What fails at one range."""
+        return [s for s in self.shortfalls if s.range_m == range_m]
 
 
 @dataclass(frozen=True)
@@ -90,8 +97,8 @@ class Summary:
     Attributes:
         closes: whether every illumination closes at every range with the shown exposure.
         headline: one sentence.
-        cases: every illumination and exposure, the shown exposure first in each illumination.
-        advice: what to change or to know, the binding criteria first.
+        cases: every illumination and exposure, in each illumination the shown exposure first.
+        advice: what to change and what the frames show, in the order in which the criteria bind.
     """
 
     closes: bool
@@ -100,120 +107,105 @@ class Summary:
     advice: tuple[str, ...]
 
     @property
+    def shown(self) -> list[CaseVerdict]:
+        """The cases of the shown exposure, one an illumination."""
+        return [case for case in self.cases if case.shown]
+
+    @property
     def lines(self) -> list[str]:
         """The verdict for a terminal, a line a statement."""
         lines = [self.headline]
         for case in self.cases:
-            lines.append(f"{case.text}.")
-            lines += [f"  {line}" for line in case.summaries] if case.shown else []
-        return lines + [f"→ {a}" for a in self.advice]
+            lines += [case.text, *(f"  {failure}" for failure in case.failures)]
+        return lines + [f"→ {statement}" for statement in self.advice]
 
 
 def summarise(dataset: xr.Dataset, scenario: Scenario) -> Summary:
-    """The verdict on a budget's dataset and advice from its closed forms."""
-    from experiments.advice import advise
+    """The verdict on a budget's dataset, with advice from its closed forms.
 
+    Args:
+        dataset: of `budget.run_budget`.
+        scenario: the one it was made from.
+    """
     labels = [exposure_label(e) for e in scenario.budget.exposures_s]
     shown = labels[shown_exposure(scenario)]
     labels.sort(key=lambda label: label != shown)
-    lights = [str(v) for v in dataset.light.values]
-    cases = tuple(_case(dataset, scenario, light, label, label == shown) for light in lights for label in labels)
-    closes = all(case.closes for case in cases if case.shown)
-    return Summary(closes, _headline(dataset, cases), cases, advise(dataset, scenario, cases))
+    cases = tuple(
+        _case(dataset.sel(light=light, exposure=label), scenario, label == shown)
+        for light in scenario.budget.lights
+        for label in labels
+    )
+    return Summary(
+        all(case.closes for case in cases if case.shown),
+        _headline([case for case in cases if case.shown]),
+        cases,
+        advise(dataset, scenario, shown, {s.criterion for case in cases if case.shown for s in case.shortfalls}),
+    )
 
 
-def ranges_text(ranges_m: Sequence[float], chosen: Sequence[float]) -> str:
-    """Some of a grid of ranges in words: '1–8 and 10 m'. Neighbours on the grid are joined."""
-    runs: list[list[float]] = []
-    previous = False
-    for r in ranges_m:
-        if r in chosen:
-            if previous:
-                runs[-1].append(r)
-            else:
-                runs.append([r])
-        previous = r in chosen
-    if not runs:
-        return "no range"
-    parts = [f"{run[0]:g}" if len(run) == 1 else f"{run[0]:g}–{run[-1]:g}" for run in runs]
-    return f"{_listed(parts)} m"
+def exposure_name(label: str) -> str:
+    """'auto exposure' or '1 ms'."""
+    return "auto exposure" if label == "auto" else label
 
 
-def factor(value: float) -> str:
-    """A factor above one as '×1.05', '×1.9', '×45 000'."""
-    return f"×{number(float(f'{value:.3g}' if value < 1.1 else f'{value:.2g}'))}"
-
-
-def _listed(parts: Sequence[str]) -> str:
-    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
-
-
-def _case(dataset: xr.Dataset, scenario: Scenario, light: str, label: str, shown: bool) -> CaseVerdict:
-    here = dataset.sel(light=light, exposure=label)
-    ranges = [float(r) for r in dataset.range_m.values]
+def _case(here: xr.Dataset, scenario: Scenario, shown: bool) -> CaseVerdict:
+    light, label = str(here.light.values), str(here.exposure.values)
+    ranges = tuple(float(r) for r in here.range_m.values)
     closing = tuple(r for r, ok in zip(ranges, here.closes.values, strict=True) if ok)
     shortfalls = []
     for i, range_m in enumerate(ranges):
         values = {name: float(here[m.variable].values[i]) for name, m in MEASURES.items()}
-        for v in judge(scenario.requirement, values):
-            if not v.passed:
-                shortfalls.append(Shortfall(v.name, range_m, v.value, v.limit, v.margin, _shortfall_text(v.name, v.value, v.limit)))
-    exposure = "auto exposure" if label == "auto" else label
-    closes = len(closing) == len(ranges)
-    where = "every range" if closes else ranges_text(ranges, closing)
-    text = f"{LIGHT_NAMES[light].capitalize()}, {exposure}: closes at {where}"
-    if not shown and shortfalls:
-        text += "; " + "; ".join(_summary([s for s in shortfalls if s.criterion == n]) for n in _causes(shortfalls))
-    return CaseVerdict(light, label, shown, closing, tuple(shortfalls), closes, text)
-
-
-def _causes(shortfalls: list[Shortfall]) -> list[str]:
-    """Failing criteria of the closed form; those of the frames only where the closed form holds."""
-    names = [name for name in CRITERIA if any(s.criterion == name for s in shortfalls)]
-    closed_form = [name for name in names if name not in ("detection", "attitude", "range", "sampling")]
-    return closed_form or names
+        shortfalls += [
+            Shortfall(v.name, range_m, v.value, v.limit, v.margin, _shortfall_text(v.name, v.value, v.limit))
+            for v in judge(scenario.requirement, values)
+            if not v.passed
+        ]
+    failing = [name for name in CRITERIA if any(s.criterion == name for s in shortfalls)]
+    if not shown and any(name in EXPOSURE_CRITERIA for name in failing):
+        failing = [name for name in failing if name in EXPOSURE_CRITERIA]  # the frames follow from them
+    where = "every range" if len(closing) == len(ranges) else ranges_text(ranges, closing)
+    return CaseVerdict(
+        light, label, shown, ranges, closing, tuple(shortfalls),
+        f"{LIGHT_NAMES[light].capitalize()}, {exposure_name(label)}: closes at {where}.",
+        tuple(_failure_text(ranges, [s for s in shortfalls if s.criterion == name]) for name in failing),
+    )  # fmt: skip
 
 
 def _shortfall_text(name: str, value: float, limit: float) -> str:
     """'1.03 px/bit, 2 needed, short by ×1.9'."""
     if np.isnan(value):
-        return "no pose to measure" if name in ("attitude", "range") else "not in the frame"
+        return "no pose to measure" if name in ("attitude", "range") else "bits outside the frame"
     at_least = CRITERIA[name][1]
-    bound = {"detection": percent, "range": percent}.get(name, number)(limit) + ("°" if name == "attitude" else "")
-    text = f"{MEASURES[name].say(value)}, {bound} {'needed' if at_least else 'allowed'}"
-    if at_least and value <= 0:
-        return text
-    return f"{text}, {'short' if at_least else 'over'} by {factor(limit / value if at_least else value / limit)}"
+    text = f"{MEASURES[name].say(value)}, {MEASURES[name].say_limit(limit)} {'needed' if at_least else 'allowed'}"
+    if at_least:
+        return text if value <= 0 else f"{text}, short by {factor(limit / value)}"
+    return f"{text}, over by {factor(value / limit)}"
 
 
-def _summary(failing: list[Shortfall]) -> str:
-    """Where one criterion fails, and the worst that was measured."""
-    name = failing[0].criterion
-    where = ranges_text([s.range_m for s in failing], [s.range_m for s in failing]) if len(failing) == 1 else None
-    if where is None:
-        where = f"{len(failing)} ranges from {failing[0].range_m:g} to {failing[-1].range_m:g} m"
+def _failure_text(ranges_m: tuple[float, ...], failing: list[Shortfall]) -> str:
+    """Where one criterion fails and the worst that was measured: 'sampling fails at 11–20 m: 1.03 px/bit at 20 m, ...'."""
+    lead = f"{MEASURES[failing[0].criterion].name} fails at {ranges_text(ranges_m, [s.range_m for s in failing])}"
     measured = [s for s in failing if not np.isnan(s.value)]
     if not measured:
-        return f"{name} fails at {where}: {failing[0].text}"
+        return f"{lead}: {failing[0].text}"
     worst = min(measured, key=lambda s: s.margin)
-    if len(failing) == 1:
-        return f"{name} fails at {where}: {worst.text}"
-    unseen = len(failing) - len(measured)
-    more = f"; at {unseen} of them no pose to measure" if unseen and name in ("attitude", "range") else ""
-    return f"{name} fails at {where}: worst {worst.text}, at {worst.range_m:g} m{more}"
+    place = f", worst at {worst.range_m:g} m" if len(failing) > 1 else ""
+    unseen = [s.range_m for s in failing if np.isnan(s.value)]
+    text = f"{lead}{place}: {worst.text}"
+    return f"{text}; no pose to measure at {ranges_text(ranges_m, unseen)}" if unseen else text
 
 
-def _headline(dataset: xr.Dataset, cases: tuple[CaseVerdict, ...]) -> str:
-    ranges = [float(r) for r in dataset.range_m.values]
+def _headline(shown: list[CaseVerdict]) -> str:
+    ranges = shown[0].ranges_m
     span = f"at {ranges[0]:g} m" if len(ranges) == 1 else f"over {ranges[0]:g}–{ranges[-1]:g} m"
-    shown = [case for case in cases if case.shown]
-    exposure = "auto exposure" if shown[0].exposure == "auto" else f"exposures of {shown[0].exposure}"
+    exposure = "auto exposure" if shown[0].exposure == "auto" else f"an exposure of {shown[0].exposure}"
+    everywhere = listed([LIGHT_NAMES[case.light] for case in shown])
     if all(case.closes for case in shown):
-        return f"The budget closes {span} in {_listed([LIGHT_NAMES[c.light] for c in shown])}, with {exposure}."
+        return f"The budget closes {span} in {everywhere}, with {exposure}."
     where = [ranges_text(ranges, case.closing_m) for case in shown]
     if len(set(where)) == 1:
-        text = f"{where[0]} in {_listed([LIGHT_NAMES[c.light] for c in shown])}"
+        places = f"{where[0]} in {everywhere}"
     else:
-        text = _listed([f"{w} in {LIGHT_NAMES[c.light]}" for w, c in zip(where, shown, strict=True)])
-    names = [name for name in CRITERIA if any(case.failing(name) for case in shown)]
-    return f"The budget does not close {span}: with {exposure} it closes at {text}. What fails: {_listed(names)}."
+        places = listed([f"{w} in {LIGHT_NAMES[c.light]}" for w, c in zip(where, shown, strict=True)])
+    names = [m.name for key, m in MEASURES.items() if any(s.criterion == key for c in shown for s in c.shortfalls)]
+    return f"The budget does not close {span}. With {exposure} it closes at {places}; what fails: {listed(names)}."

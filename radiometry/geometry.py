@@ -6,10 +6,13 @@ x right, y up, z out of the face. A pose maps marker to camera, X_camera = R X_m
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-FloatArray = NDArray[np.float64]
+#: Real-valued array; the precision is a matter of run time, not of types.
+FloatArray = NDArray[Any]
 
 #: Attitude of a marker that squarely faces the camera.
 FRONTAL: FloatArray = np.diag([1.0, -1.0, -1.0])

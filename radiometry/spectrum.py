@@ -43,7 +43,7 @@ class Spectrum:
 
     def __call__(self, wavelength_nm: ArrayLike) -> FloatArray:
         """Value at any wavelength [nm]; zero outside the samples."""
-        return np.interp(wavelength_nm, self.wavelength_nm, self.values, left=0.0, right=0.0)
+        return np.interp(np.asarray(wavelength_nm, float), self.wavelength_nm, self.values, left=0.0, right=0.0)
 
     def __mul__(self, other: Spectrum | float) -> Spectrum:
         """Product on the union of both grids, over their common support. Exact at every knot of either."""

@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-FloatArray = NDArray[np.float64]
+from radiometry.geometry import FloatArray
+
 Mesh = tuple[FloatArray, NDArray[np.uint32]]
 ELEMENT_NAMES = ("top", "right", "bottom", "left")
 
