@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 
 from detector.corners import gather
+from detector.noise import NoiseModel
 from detector.pattern import Pattern, PixelSet, homography, pixels_within
 from radiometry.geometry import FloatArray
 from scenes.marker import MarkerDesign, aruco_dictionary
@@ -28,8 +29,8 @@ class Decoded:
 
     identity: int
     turn: int  # corners rolled by −turn start at the marker's top left
-    correlation: float  # of the best pattern, in [−1, 1]
-    margin: float  # 1 − ρ² of the best over that of the best other identity, in [0, 1]; small is certain
+    correlation: float  # with the image less its noise; 1 is perfect
+    rival: float  # the best correlation of any other identity
 
 
 class Decoder:
@@ -47,11 +48,8 @@ class Decoder:
             cells += [Pattern.with_bits(np.rot90(bits, -turn)).ravel() for turn in range(4)]
         self.templates = np.array(cells)
 
-    def decode(self, image: np.ndarray, corners_px: FloatArray, sigma_px: float, ceiling_dn: float) -> tuple[Decoded, Decoded] | None:
-        """Best match over all identities, and over this marker's identity; None where the quadrilateral holds too little.
-
-        Readings above `ceiling_dn` are clipped to it.
-        """
+    def decode(self, image: np.ndarray, corners_px: FloatArray, sigma_px: float, noise: NoiseModel) -> tuple[Decoded, Decoded] | None:
+        """Best match over all identities, and over this marker's identity; None where the quadrilateral holds too little."""
         origin = np.round(corners_px.mean(0))
         matrix = homography(corners_px - origin)
         reach = 1 + 2 * self.pattern.marker.ring_fraction
@@ -59,9 +57,12 @@ class Decoder:
         pixels = pixels_within(absolute, reach, (image.shape[0], image.shape[1]), most=MAX_PIXELS)
         if len(pixels) < 40:
             return None
-        data = np.minimum(gather(image, pixels), ceiling_dn)
+        data = np.minimum(gather(image, pixels), noise.saturated_above_dn)
+        grain = float(noise.variance(data).sum())
         data -= data.mean()
+        # What noise adds to the variance is no fault of the match; it never is all of it.
         power = float(data @ data)
+        power = max(power - grain, 0.1 * power)
         if power <= 0:
             return None
         across, up = self.pattern.cell_responses(PixelSet(pixels - origin, matrix, sigma_px))
@@ -77,9 +78,7 @@ class Decoder:
     @staticmethod
     def _result(correlation: FloatArray, best: FloatArray, identity: int) -> Decoded:
         rival = float(np.delete(best, identity).max()) if len(best) > 1 else 0.0
-        own = float(best[identity])
-        margin = (1 - own**2) / max(1 - max(rival, 0.0) ** 2, 1e-12)
-        return Decoded(identity, int(correlation[identity].argmax()), own, margin)
+        return Decoded(identity, int(correlation[identity].argmax()), float(best[identity]), rival)
 
 
 @lru_cache(maxsize=8)

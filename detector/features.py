@@ -106,11 +106,10 @@ def _find_pattern(
     """Fit of the first candidate that bears the marker's pattern, else None and another identity that was seen."""
     decoder = decoder_of(marker)
     other = None
-    ceiling = noise.saturated_above_dn
     for quad, blur_px in search(frame, noise):
         if not has_ring(frame, quad, decoder.pattern, noise.read_noise_dn):
             continue
-        decoded = decoder.decode(frame, quad, sigma_px, ceiling)
+        decoded = decoder.decode(frame, quad, sigma_px, noise)
         if decoded is None:
             continue
         first, own = decoded
@@ -121,7 +120,7 @@ def _find_pattern(
             if first.identity != marker.identity and first.correlation > 0.9:
                 other = first.identity
             continue
-        checked = decoder.decode(frame, fit.corners_px, sigma_px, ceiling)
+        checked = decoder.decode(frame, fit.corners_px, sigma_px, noise)
         if checked is not None and checked[0].identity == marker.identity and checked[0].turn == 0:
             return fit, None
     return None, other

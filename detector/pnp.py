@@ -35,7 +35,14 @@ _CONVERGED = 1e-9
 def geodesic_angles(a: FloatArray, b: FloatArray) -> FloatArray:
     """Angles |log(aᵀ b)| between rotations (n, 3, 3), (n,) [rad]."""
     relative = np.swapaxes(a, 1, 2) @ b
-    axis = np.stack([relative[:, 2, 1] - relative[:, 1, 2], relative[:, 0, 2] - relative[:, 2, 0], relative[:, 1, 0] - relative[:, 0, 1]], 1)
+    axis = np.stack(
+        [
+            relative[:, 2, 1] - relative[:, 1, 2],
+            relative[:, 0, 2] - relative[:, 2, 0],
+            relative[:, 1, 0] - relative[:, 0, 1],
+        ],
+        1,
+    )
     return np.arctan2(np.linalg.norm(axis, axis=1) / 2, (np.trace(relative, axis1=1, axis2=2) - 1) / 2)
 
 
@@ -70,7 +77,12 @@ def refine(
 
 
 def _refine_chunk(
-    points: FloatArray, pixels: FloatArray, visible: BoolArray, camera: Camera, rotation: FloatArray, translation: FloatArray
+    points: FloatArray,
+    pixels: FloatArray,
+    visible: BoolArray,
+    camera: Camera,
+    rotation: FloatArray,
+    translation: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     error = squared_error(points, pixels, visible, camera, (rotation, translation))
     damping = np.full(len(points), 1e-3)
@@ -98,7 +110,12 @@ def _refine_chunk(
 
 
 def _normal_equations(
-    points: FloatArray, pixels: FloatArray, visible: BoolArray, camera: Camera, rotation: FloatArray, translation: FloatArray
+    points: FloatArray,
+    pixels: FloatArray,
+    visible: BoolArray,
+    camera: Camera,
+    rotation: FloatArray,
+    translation: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
     """JᵀJ (n, 6, 6) and Jᵀr (n, 6) of the residual pixels − projection, for (ω, δ)."""
     turned = points @ np.swapaxes(rotation, 1, 2)
@@ -118,7 +135,9 @@ def _normal_equations(
     return transposed @ jacobian, (transposed @ stacked[..., None])[..., 0]
 
 
-def covariance(points_m: FloatArray, sigma_px: FloatArray, visible: BoolArray, camera: Camera, poses: Poses) -> FloatArray:
+def covariance(
+    points_m: FloatArray, sigma_px: FloatArray, visible: BoolArray, camera: Camera, poses: Poses
+) -> FloatArray:
     """Covariance (n, 6, 6) of (ω [rad], t [m]) to first order, for `sigma_px` (n,) per image axis: σ² (JᵀJ)⁻¹."""
     normal, _ = _normal_equations(points_m, np.zeros((*points_m.shape[:2], 2)), visible, camera, *poses)
     return np.linalg.inv(normal) * sigma_px[:, None, None] ** 2

@@ -34,7 +34,11 @@ def posit(points_m: FloatArray, pixels: FloatArray, visible: BoolArray, camera: 
     planar = singular[:, 2] < 1e-6 * singular[:, 0]
     normal = axes[:, 2] * planar[:, None]
     inverse = np.linalg.pinv(offset, rcond=1e-6)
-    best, rotation, translation = np.full(len(offset), np.inf), np.zeros((len(offset), 3, 3)), np.zeros((len(offset), 3))
+    best, rotation, translation = (
+        np.full(len(offset), np.inf),
+        np.zeros((len(offset), 3, 3)),
+        np.zeros((len(offset), 3)),
+    )
     for branch in (1.0, -1.0):
         r, t = _iterate(offset, image, weight, inverse, normal, branch)
         t = t - np.einsum("nij,nj->ni", r, centre)

@@ -1,4 +1,4 @@
-"""Advice on a budget: from the closed forms the smallest single change for each failing criterion; from frames, what they show."""
+"""Advice on a budget: the smallest single change for each failing criterion, in closed form, and what the frames show."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ MARKER_OVER_FACE_MAX = 0.10
 _LED_FACTOR_MAX = 1000.0
 
 
-def advise(dataset: xr.Dataset, scenario: Scenario, shown: str, failing: set[str]) -> tuple[str, ...]:
+def advise(dataset: xr.Dataset, scenario: Scenario, shown: int, failing: set[str]) -> tuple[str, ...]:
     """One statement for each thing to change or to know, in the order in which the criteria bind.
 
     Args:
         dataset: of `budget.run_budget`.
         scenario: the one it was made from.
-        shown: label of the exposure that the verdict is about.
+        shown: index of the exposure that the verdict is about.
         failing: criteria that fail somewhere with that exposure.
     """
-    here = dataset.sel(exposure=shown)
+    here = dataset.isel(exposure=shown)
     windows = exposure_windows(dataset, scenario)
     advice = []
     if "cnr" in failing:
@@ -108,23 +108,21 @@ def _led_advice(dataset: xr.Dataset, scenario: Scenario) -> list[str]:
     limit, count = scenario.requirement.full_well_fraction_max, scenario.leds.count
     if "eclipse" not in dataset.light.values:
         return []
-    statements = []
-    for label in dataset.exposure.values:
-        here = dataset.full_well_fraction.sel(exposure=label)
+    said: dict[str, list[str]] = {}
+    for here in (dataset.full_well_fraction.isel(exposure=i) for i in range(dataset.sizes["exposure"])):
         if not float(here.max()) > limit:
             continue
         led = here.sel(light="eclipse", drop=True)
         sun = here - led
         allowed = float((count * (limit - sun) / led).min())
-        lead = f"LEDs: at {label}" if label != "auto" else "LEDs: with auto exposure"
         if float(sun.max()) > limit:
-            statements.append(f"{lead} sunlight alone saturates the bits; no number of LEDs mends that.")
+            text = "sunlight alone saturates the bits; no number of LEDs mends that"
         elif allowed >= 1:
-            statements.append(f"{lead} at most {math.floor(allowed)} of the {count} LEDs may shine.")
+            text = f"at most {math.floor(allowed)} of the {count} LEDs may shine"
         else:
-            alone = float(led.max()) / count / limit
-            statements.append(f"{lead} fewer LEDs do not help: one alone exceeds the saturation limit {factor(alone)}.")
-    return statements
+            text = f"fewer LEDs do not help: one alone exceeds the saturation limit {factor(float(led.max()) / count / limit)}"
+        said.setdefault(text, []).append(str(here.exposure.values))
+    return [f"LEDs: with {listed(labels)} of exposure {text}." for text, labels in said.items()]
 
 
 def _cnr_advice(here: xr.Dataset, windows: xr.Dataset, scenario: Scenario) -> list[str]:

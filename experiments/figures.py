@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 from pathlib import Path
 from typing import Any
@@ -52,3 +53,11 @@ def save_svg(figure: Figure, path: Path) -> Path:
     figure.savefig(partial, format="svg", metadata={"Date": None, "Creator": None})
     os.replace(partial, path)
     return path
+
+
+def svg_text(figure: Figure) -> str:
+    """The figure as an `<svg>` element to stand inside HTML."""
+    buffer = io.StringIO()
+    figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    text = buffer.getvalue()
+    return text[text.index("<svg") :]

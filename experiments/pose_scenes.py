@@ -115,7 +115,9 @@ def single_marker(size_m: float, virtual_points: Literal[0, 1, 4]) -> Layout:
     """
     half = size_m / 4
     corners = np.array([[-half, half, 0], [half, half, 0], [half, -half, 0], [-half, -half, 0]])
-    offset = {0: np.zeros((0, 2)), 1: np.zeros((1, 2)), 4: np.array([[-1, 1], [1, 1], [1, -1], [-1, -1]]) * size_m / 8}[virtual_points]
+    offset = {0: np.zeros((0, 2)), 1: np.zeros((1, 2)), 4: np.array([[-1, 1], [1, 1], [1, -1], [-1, -1]]) * size_m / 8}[
+        virtual_points
+    ]
     behind = np.column_stack([offset, np.full(len(offset), -size_m / 4)])
     virtual = np.arange(4 + len(offset)) >= 4
     return Layout(f"{virtual_points} virtual", np.concatenate([corners, behind]), virtual)

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from experiments.advice import advise
-from experiments.budget import exposure_label, shown_exposure
+from experiments.budget import shown_exposure
 from experiments.scenario import Scenario
 from experiments.wording import LIGHT_NAMES, factor, listed, number, percent, ranges_text
 from radiometry.closure import CRITERIA, judge
@@ -127,13 +127,12 @@ def summarise(dataset: xr.Dataset, scenario: Scenario) -> Summary:
         dataset: of `budget.run_budget`.
         scenario: the one it was made from.
     """
-    labels = [exposure_label(e) for e in scenario.budget.exposures_s]
-    shown = labels[shown_exposure(scenario)]
-    labels.sort(key=lambda label: label != shown)
+    shown = shown_exposure(scenario)
+    exposures = sorted(range(dataset.sizes["exposure"]), key=lambda i: i != shown)
     cases = tuple(
-        _case(dataset.sel(light=light, exposure=label), scenario, label == shown)
+        _case(dataset.sel(light=light).isel(exposure=i), scenario, i == shown)
         for light in scenario.budget.lights
-        for label in labels
+        for i in exposures
     )
     return Summary(
         all(case.closes for case in cases if case.shown),
