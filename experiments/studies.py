@@ -41,7 +41,29 @@ def emva1288(options: Options, scenario: str | None, preset: str | None) -> None
     for row in rows:
         table.add_row(*map(str, row))
     options.say(table, f"Data set: {written}")
-    options.emit({"dataset": Path(written), "datasheet": [dict(zip(("quantity", "symbol", "value", "unit"), r, strict=True)) for r in rows]})
+    options.emit(
+        {
+            "dataset": Path(written),
+            "datasheet": [dict(zip(("quantity", "symbol", "value", "unit"), r, strict=True)) for r in rows],
+        }
+    )
 
 
-VERBS: tuple[click.Command, ...] = (sensor,)
+@click.command()
+@click.argument("scenario", required=False)
+@shared_options
+def marker(options: Options, scenario: str | None) -> None:
+    """Write the marker as printable solids, an OBJ, a tape sheet and its feature points into the folder --out."""
+    from scenes.marker_files import write_marker_files
+
+    if options.out is None:
+        raise click.UsageError("marker: give --out FOLDER")
+    written = write_marker_files(options.scenario(scenario).marker, options.out)
+    options.say(*map(str, written))
+    options.emit({"files": written})
+
+
+VERBS: tuple[click.Command, ...] = (
+    marker,
+    sensor,
+)
