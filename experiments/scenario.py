@@ -16,6 +16,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from detector.sensor import Sensor
+from experiments.presets import SECTIONS, clear_for_preset, expand, presets
 from materials.library import available as available_materials
 from radiometry.closure import Requirement
 from radiometry.filters import Bandpass
@@ -112,6 +113,11 @@ class Scenario(BaseModel):
     budget: BudgetPlan = BudgetPlan()
     requirement: Requirement = Requirement()
 
+    @model_validator(mode="before")
+    @classmethod
+    def _expand_presets(cls, data: Any) -> Any:
+        return expand(data) if isinstance(data, dict) else data
+
     @model_validator(mode="after")
     def _fits_together(self) -> Scenario:
         for key in ("face_material", "tape_material", "absorber_material"):
@@ -167,6 +173,17 @@ def validate(data: dict[str, Any]) -> Scenario:
         raise ScenarioError(_explain(error)) from None
 
 
+def json_schema() -> dict[str, Any]:
+    """JSON schema of a scenario file, presets included, for an editor to complete and check."""
+    schema = Scenario.model_json_schema()
+    for section in SECTIONS:
+        reference = schema["properties"][section].get("$ref") or schema["properties"][section]["allOf"][0]["$ref"]
+        properties = schema["$defs"][reference.rsplit("/", 1)[1]]["properties"]
+        description = "fills this section; keys written beside it win"
+        properties["preset"] = {"type": "string", "enum": sorted(presets(section)), "description": description}
+    return schema
+
+
 def shipped_scenarios() -> tuple[str, ...]:
     """Names of the scenarios that come with the package."""
     return tuple(
@@ -202,6 +219,8 @@ def _apply(data: dict[str, Any], override: str) -> None:
         node = node.setdefault(parent, {})
         if not isinstance(node, dict):
             raise ScenarioError(f"--set {override}: {parent} holds a value, not keys")
+    if leaf == "preset" and parents and parents[0] in SECTIONS:
+        clear_for_preset(data, parents[0], str(value))
     node[leaf] = value
 
 

@@ -208,9 +208,9 @@ def schema(options: Options) -> None:
     import json
 
     from experiments.files import write_text
-    from experiments.scenario import Scenario
+    from experiments.scenario import json_schema
 
-    text = json.dumps(Scenario.model_json_schema(), indent=2)
+    text = json.dumps(json_schema(), indent=2)
     if options.out is not None:
         write_text(text + "\n", options.out)
     else:

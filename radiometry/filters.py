@@ -25,6 +25,16 @@ class Bandpass(BaseModel):
         0.1, description="width of each edge, 0 to full transmission [nm]"
     )
 
+    effective_index: Annotated[float, Field(ge=0, le=5)] = Field(
+        0.0, description="index that governs the blue shift with the angle of incidence; 0 is none (absorbing glass)"
+    )
+
+    @model_validator(mode="after")
+    def _index_above_one(self) -> Bandpass:
+        if 0 < self.effective_index <= 1:
+            raise ValueError(f"effective_index: {self.effective_index:g}, expected 0 (no shift) or more than 1")
+        return self
+
     @model_validator(mode="after")
     def _ordered(self) -> Bandpass:
         if self.high_nm - self.low_nm <= self.edge_nm:
@@ -33,8 +43,14 @@ class Bandpass(BaseModel):
             )
         return self
 
-    def spectrum(self) -> Spectrum:
-        """Transmission against wavelength, between 0 and 1, linear between its four knots."""
+    def spectrum(self, incidence_rad: float = 0.0) -> Spectrum:
+        """Transmission against wavelength, between 0 and 1, linear between its four knots.
+
+        Light at an angle to an interference filter sees every feature at λ √(1 − (sin θ / n)²), n the effective index
+        (Macleod, Thin-Film Optical Filters, tilted filters).
+        """
         half = self.edge_nm / 2
         knots = np.array([self.low_nm - half, self.low_nm + half, self.high_nm - half, self.high_nm + half])
+        if self.effective_index > 0:
+            knots = knots * np.sqrt(1 - (np.sin(incidence_rad) / self.effective_index) ** 2)
         return Spectrum(knots, self.transmission * np.array([0.0, 1.0, 1.0, 0.0]))

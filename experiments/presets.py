@@ -1,0 +1,63 @@
+"""Named presets of scenario sections: ``sensor.preset = "imx287"`` fills the section, keys written beside it win."""
+
+from __future__ import annotations
+
+import tomllib
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+#: Sections that take a preset, and the data file in radiometry/data of those that are not the sensor's.
+SECTIONS = {"camera": "lenses", "filter": "filters", "leds": "leds", "sensor": None}
+
+
+@cache
+def presets(section: str) -> dict[str, dict[str, Any]]:
+    """Fields of every preset of a section, by name, without its source."""
+    table = SECTIONS[section]
+    if table is None:
+        from detector.sensor import presets as sensors
+
+        return {name: preset.sensor.model_dump() for name, preset in sensors().items()}
+    data = tomllib.loads((files("radiometry") / "data" / f"{table}.toml").read_text(encoding="utf-8"))
+    return {name: {k: v for k, v in fields.items() if k != "source"} for name, fields in data.items()}
+
+
+def expand(data: dict[str, Any]) -> dict[str, Any]:
+    """Scenario data with every ``preset`` replaced by what it stands for.
+
+    A sensor's preset also sets the camera's pixel grid, for the two are one piece of silicon.
+
+    Raises:
+        ValueError: when a preset is unknown, naming those there are.
+    """
+    result = dict(data)
+    for section in SECTIONS:
+        fields = result.get(section)
+        if not isinstance(fields, dict) or "preset" not in fields:
+            continue
+        rest = {key: value for key, value in fields.items() if key != "preset"}
+        known = presets(section)
+        if fields["preset"] not in known:
+            raise ValueError(
+                f"{section}.preset: {fields['preset']!r} is unknown; expected one of {', '.join(sorted(known))}"
+            )
+        result[section] = {**known[fields["preset"]], **rest}
+        if section == "sensor" and isinstance(camera := result.get("camera", {}), dict):
+            result["camera"] = {**_grid(fields["preset"]), **camera}
+    return result
+
+
+def clear_for_preset(data: dict[str, Any], section: str, name: str) -> None:
+    """Remove from a file's data what a preset that is set from outside is to replace."""
+    for key in presets(section).get(name, {}):
+        data.get(section, {}).pop(key, None)
+    if section == "sensor" and name in presets(section):
+        for key in _grid(name):
+            data.get("camera", {}).pop(key, None)
+
+
+def _grid(sensor: str) -> dict[str, Any]:
+    from detector.sensor import presets as sensors
+
+    return dict(sensors()[sensor].grid)
