@@ -89,9 +89,10 @@ def strengths(scenario: Scenario) -> dict[str, Spectrum]:
     return {"led": scenario.leds.spectral_intensity(), "sun": scenario.sun.irradiance()}
 
 
-def responsivity(scenario: Scenario) -> Spectrum:
-    """Electron rate per spectral radiance of the scenario's camera, filter and sensor."""
-    return electron_responsivity(scenario.camera, scenario.filter.spectrum(), scenario.sensor.qe_spectrum())
+def responsivity(scenario: Scenario, incidence_rad: float = 0.0) -> Spectrum:
+    """Electron rate per spectral radiance of the scenario's camera, filter and sensor, at a field angle before the lens."""
+    transmission = scenario.filter.spectrum(incidence_rad)
+    return electron_responsivity(scenario.camera, transmission, scenario.sensor.qe_spectrum())
 
 
 def electron_rate(scenario: Scenario, basis: TransportBasis, light: str) -> FloatArray:
@@ -100,8 +101,12 @@ def electron_rate(scenario: Scenario, basis: TransportBasis, light: str) -> Floa
     Raises:
         ValueError: when the basis is not of the camera's size.
     """
-    camera, response, strength = scenario.camera, responsivity(scenario), strengths(scenario)
+    camera, strength = scenario.camera, strengths(scenario)
     shape = (camera.height_px, camera.width_px)
+    # The filter's angle shift makes the weights a smooth function of sin²θ: a cubic through four field angles.
+    falloff = camera.relative_illumination()
+    sine2 = 1 - np.sqrt(falloff)
+    nodes = np.linspace(0.0, float(sine2.max()), 4) if scenario.filter.effective_index > 0 else np.zeros(1)
     rate = np.zeros(shape)
     for source in LIGHTS_ON[light]:
         images = basis.layers[source]
@@ -109,9 +114,16 @@ def electron_rate(scenario: Scenario, basis: TransportBasis, light: str) -> Floa
             raise ValueError(
                 f"transport basis is {images.shape[2]} × {images.shape[1]} px, the camera {shape[1]} × {shape[0]} px"
             )
-        rate += np.tensordot(node_weights(strength[source] * response, basis.nodes_nm), images, axes=1)
+        weights = [
+            node_weights(strength[source] * responsivity(scenario, np.arcsin(np.sqrt(s))), basis.nodes_nm) for s in nodes
+        ]
+        powers = np.linalg.solve(np.vander(nodes, increasing=True), weights)
+        total = np.tensordot(powers[-1], images, axes=1)
+        for power in powers[-2::-1]:  # Horner's scheme in sin²θ
+            total = total * sine2 + np.tensordot(power, images, axes=1)
+        rate += total
     # The weights of the outer nodes can be negative, so a black pixel may come out at minus a rounding error.
-    return np.maximum(rate, 0.0) * camera.relative_illumination()
+    return np.maximum(rate, 0.0) * falloff
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ class Requirement(BaseModel):
     detection_min: Fraction = Field(0.99, description="share of frames whose marker is found, at least")
     attitude_error_max_deg: Positive = Field(
         2.0,
-        description="95th percentile of attitude error [deg], at most; assumption, the thesis's figure 3.6 is not in print as numbers",
+        description="95th percentile of attitude error [deg], at most; assumption: figure 3.6 gives no numbers",
     )
     range_error_max: Fraction = Field(
         0.02, description="95th percentile of range error over range, at most; assumption"

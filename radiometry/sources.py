@@ -77,10 +77,11 @@ class LedRing(BaseModel):
     def _conserves_energy(self) -> LedRing:
         limit = self.wall_plug_limit * self.electrical_power_w
         if self.optical_power_w > limit:
+            light, excess = self.optical_power_w, self.optical_power_w / limit
             raise ValueError(
                 f"intensity_w_sr: {self.intensity_w_sr:g} W/sr with a half angle of {self.half_angle_deg:g} deg is "
-                f"2π·I₀/(n+1) = {self.optical_power_w:.3g} W of light (n = {self.exponent:.1f}) from one LED that is given "
-                f"{self.electrical_power_w:g} W × {self.wall_plug_limit:g} = {limit:.3g} W: {self.optical_power_w / limit:.1f} times too much"
+                f"2π·I₀/(n+1) = {light:.3g} W of light (n = {self.exponent:.1f}) from one LED that is given "
+                f"{self.electrical_power_w:g} W × {self.wall_plug_limit:g} = {limit:.3g} W: {excess:.1f} times too much"
             )
         return self
 
