@@ -1,0 +1,136 @@
+"""The transport cache renders once, notices damage, and keeps within its bounds."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from radiometry.optics import Camera
+from radiometry.sources import LedRing, Sun
+from scenes import cache
+from scenes.marker import MarkerDesign
+from scenes.target import Target
+from scenes.transport import Quality, TransportBasis, View
+
+CAMERA = Camera(width_px=48, height_px=40, focal_length_m=2e-3)
+QUALITY = Quality(1, 10_000, 1)
+
+
+def _view(range_m: float = 2.0, **changes) -> View:
+    parts = {"camera": CAMERA, "marker": MarkerDesign(), "target": Target(), "leds": LedRing(), "sun": Sun()}
+    return View(**{**parts, **changes}, range_m=range_m, nodes_nm=(807, 833, 867, 893))
+
+
+@pytest.fixture
+def fake_renderer(monkeypatch):
+    """Counts renderings; the image depends on the range alone."""
+    calls = []
+
+    def render(view: View, quality: Quality) -> TransportBasis:
+        calls.append(view.range_m)
+        image = np.full((4, 40, 48), view.range_m, np.float32)
+        return TransportBasis(view.nodes_nm, {"led": image, "sun": 2 * image}, {"marker_samples_per_pixel": 4.0})
+
+    monkeypatch.setattr(cache, "render_basis", render)
+    monkeypatch.setattr("scenes.llvm.select_variant", lambda requested=None: "llvm_ad_spectral")
+    return calls
+
+
+def test_a_view_is_rendered_once_and_read_back_bit_for_bit(tmp_path, fake_renderer):
+    store = cache.TransportCache(tmp_path)
+    first = store.basis(_view(), QUALITY)
+    again = cache.TransportCache(tmp_path)
+    second = again.basis(_view(), QUALITY)
+    assert fake_renderer == [2.0]
+    assert (store.rendered, again.reused) == (1, 1)
+    for light in first.layers:
+        np.testing.assert_array_equal(first.layers[light], second.layers[light])
+    assert second.attributes == first.attributes
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"camera": CAMERA.model_copy(update={"f_number": 5.6})},
+        {"camera": CAMERA.model_copy(update={"lens_transmission": 0.9})},
+        {"leds": LedRing(intensity_w_sr=1.0)},
+        {"leds": LedRing(centroid_nm=810, fwhm_nm=10, electrical_power_w=3)},
+    ],
+    ids=["aperture", "transmission", "power", "spectrum"],
+)
+def test_what_does_not_change_transport_shares_a_rendering(changes):
+    assert cache.key(_view(**changes), QUALITY, "v") == cache.key(_view(), QUALITY, "v")
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"range_m": 2.5},
+        {"camera": CAMERA.model_copy(update={"psf_sigma_px": 0.7})},
+        {"marker": MarkerDesign(identity=3)},
+        {"target": Target(pitch_deg=5)},
+        {"target": Target(tape_material="tape_type_iii")},
+        {"leds": LedRing(ring_radius_m=0.03)},
+        {"sun": Sun(phase_deg=46)},
+    ],
+    ids=["range", "psf", "marker", "pose", "material", "ring", "sun"],
+)
+def test_what_changes_transport_is_rendered_anew(changes):
+    assert cache.key(_view(**changes), QUALITY, "v") != cache.key(_view(), QUALITY, "v")
+
+
+def test_quality_and_variant_are_part_of_the_key():
+    keys = {
+        cache.key(_view(), q, v) for q in (QUALITY, Quality(1, 10_000, 2), Quality(2, 10_000, 1)) for v in ("a", "b")
+    }
+    assert len(keys) == 6
+
+
+@pytest.mark.parametrize("damage", ["truncated", "foreign", "altered"])
+def test_a_damaged_file_is_found_out_and_rendered_again(tmp_path, fake_renderer, damage):
+    store = cache.TransportCache(tmp_path)
+    store.basis(_view(), QUALITY)
+    [(path, _)] = store.entries()
+    if damage == "truncated":
+        path.write_bytes(path.read_bytes()[:-40])
+    elif damage == "foreign":
+        path.write_text("not an image")
+    else:
+        other = TransportBasis(
+            (807, 833, 867, 893), {k: np.ones((4, 40, 48), np.float32) for k in ("led", "sun")}, {"checksum": "0"}
+        )
+        cache.write_basis(other, path)
+    basis = store.basis(_view(), QUALITY)
+    assert fake_renderer == [2.0, 2.0]
+    assert basis.layers["led"][0, 0, 0] == 2.0
+    assert cache.TransportCache(tmp_path).basis(_view(), QUALITY).layers["sun"][0, 0, 0] == 4.0
+    assert len(fake_renderer) == 2
+
+
+def test_the_least_recently_used_make_room(tmp_path, fake_renderer):
+    store = cache.TransportCache(tmp_path)
+    for r in (1.0, 2.0, 3.0):
+        store.basis(_view(r), QUALITY)
+    size = max(s for _, s in store.entries())
+    store.basis(_view(1.0), QUALITY)  # used again, so 2 m is now the oldest
+    small = cache.TransportCache(tmp_path, limit_bytes=3 * size)
+    small.basis(_view(4.0), QUALITY)
+    assert sum(s for _, s in small.entries()) <= 3 * size
+    del fake_renderer[:]
+    for r in (1.0, 3.0, 4.0):
+        small.basis(_view(r), QUALITY)
+    assert fake_renderer == []
+
+
+def test_a_cache_that_cannot_be_written_still_gives_the_basis(tmp_path, fake_renderer):
+    blocked = tmp_path / "file"
+    blocked.write_text("in the way")
+    assert cache.TransportCache(blocked).basis(_view(), QUALITY).layers["led"].max() == 2.0
+
+
+def test_clear_removes_everything(tmp_path, fake_renderer):
+    store = cache.TransportCache(tmp_path)
+    store.basis(_view(1.0), QUALITY)
+    store.basis(_view(2.0), QUALITY)
+    assert store.clear() == 2
+    assert store.entries() == []
