@@ -104,7 +104,37 @@ def shared_options(function: Callable[..., None]) -> Callable[..., None]:
     return with_options
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+def announce_variant(options: Options) -> None:
+    """Choose the renderer now, so that its warning comes before the work."""
+    import warnings
+
+    from scenes.llvm import activate_variant
+
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            activate_variant()
+        except (ImportError, RuntimeError) as error:
+            raise EnvironmentLacking(f"{error}; `mantis doctor` says what to install") from error
+    for warning in caught:
+        if not options.quiet:
+            click.echo(f"mantis: {warning.message}", err=True)
+
+
+def with_progress(options: Options, work: Any) -> Any:
+    """Run `work(progress)` under a bar on a terminal, silently elsewhere."""
+    if not options.interactive:
+        return work(None)
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (TextColumn("{task.description:16}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("compiling", total=None)
+        return work(lambda done, total, label: bar.update(task, completed=done, total=total, description=label))
+
+
+@click.group(no_args_is_help=False, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
 @click.version_option(package_name="mantis-radiometry", prog_name="mantis")
 def mantis() -> None:
     """Does the optical navigation budget close, and if not, what must change?
@@ -121,7 +151,8 @@ def main(arguments: list[str] | None = None) -> int:
     for verb in (*verbs.VERBS, *studies.VERBS):
         mantis.add_command(verb)
     try:
-        mantis.main(arguments, prog_name="mantis", standalone_mode=False)
+        # Without a word it says what there is, rather than that a verb is missing.
+        mantis.main((sys.argv[1:] if arguments is None else arguments) or ["--help"], "mantis", standalone_mode=False)
     except click.exceptions.Exit as stop:
         return stop.exit_code
     except click.ClickException as error:
@@ -148,4 +179,6 @@ def _complain(message: str, status: int) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    from experiments.cli import main as imported_main  # the verbs raise that module's exceptions, not `__main__`'s
+
+    sys.exit(imported_main())

@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from detector.sensor import Sensor
 from experiments.presets import SECTIONS, clear_for_preset, expand, presets
-from materials.library import available as available_materials
+from materials import library
 from radiometry.closure import Requirement
 from radiometry.filters import Bandpass
 from radiometry.optics import Camera
@@ -30,6 +30,8 @@ Exposure = Annotated[float, Field(gt=0, le=100, allow_inf_nan=False)] | Literal[
 Light = Literal["eclipse", "sun"]
 
 DEFAULT_SCENARIO = "default"
+#: Keys of [target] that name a material: one of the library, or a path of a data file.
+MATERIAL_KEYS = ("face_material", "tape_material", "absorber_material")
 
 
 class ScenarioError(ValueError):
@@ -120,18 +122,21 @@ class Scenario(BaseModel):
 
     @model_validator(mode="after")
     def _fits_together(self) -> Scenario:
-        for key in ("face_material", "tape_material", "absorber_material"):
-            if getattr(self.target, key) not in available_materials():
-                raise ValueError(
-                    f"target.{key}: {getattr(self.target, key)!r} is unknown; expected one of {', '.join(available_materials())}"
-                )
+        for key in MATERIAL_KEYS:
+            try:
+                library.load(getattr(self.target, key))
+            except ValueError as error:
+                raise ValueError(f"target.{key}: {error}") from None
         if self.marker.size_m > self.target.face_m:
             raise ValueError(f"marker.size_m: {self.marker.size_m:g} m exceeds target.face_m, {self.target.face_m:g} m")
         return self
 
     def digest(self) -> str:
         """Hash of every parameter, 16 hexadecimal digits: the same for the same physics, however the file was written."""
-        text = json.dumps(self.model_dump(mode="json"), sort_keys=True)
+        parameters = self.model_dump(mode="json")
+        for key in MATERIAL_KEYS:
+            parameters["target"][key] = library.fingerprint(parameters["target"][key])
+        text = json.dumps(parameters, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     def at(self, **changes: Any) -> Scenario:
@@ -143,12 +148,18 @@ def load_scenario(source: str | Path | None = None, overrides: tuple[str, ...] =
     """Read a scenario file, or a shipped one by name, and apply ``key=value`` overrides.
 
     Args:
-        source: path of a TOML file or the name of a shipped scenario; None is the default scenario.
+        source: path of a TOML file or the name of a shipped scenario; None is the default scenario. Materials that it names
+            by path are looked for beside it.
         overrides: such as ``leds.count=50`` or ``exposure_s=1e-3``; values are TOML, bare words are strings.
 
     Raises:
         ScenarioError: one line that names the key, the value, and what was expected.
     """
+    return validate(load_data(source, overrides))
+
+
+def load_data(source: str | Path | None = None, overrides: tuple[str, ...] = ()) -> dict[str, Any]:
+    """The plain data of a scenario file with overrides applied, not yet validated; see `load_scenario`."""
     path = _find(source)
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -156,9 +167,10 @@ def load_scenario(source: str | Path | None = None, overrides: tuple[str, ...] =
         raise ScenarioError(f"{source or DEFAULT_SCENARIO}: not a TOML file ({error})") from error
     except OSError as error:
         raise ScenarioError(f"{source}: cannot be read ({error.strerror})") from error
+    _find_materials(data, path.parent)
     for override in overrides:
         _apply(data, override)
-    return validate(data)
+    return data
 
 
 def validate(data: dict[str, Any]) -> Scenario:
@@ -170,7 +182,7 @@ def validate(data: dict[str, Any]) -> Scenario:
     try:
         return Scenario.model_validate(data)
     except ValidationError as error:
-        raise ScenarioError(_explain(error)) from None
+        raise ScenarioError(explain(error)) from None
 
 
 def json_schema() -> dict[str, Any]:
@@ -205,6 +217,15 @@ def _find(source: str | Path | None) -> Path:
     return path
 
 
+def _find_materials(data: dict[str, Any], folder: Path) -> None:
+    """Paths of material files in a scenario are relative to it; those of an override to the working directory."""
+    target = data.get("target")
+    for key in MATERIAL_KEYS:
+        name = target.get(key) if isinstance(target, dict) else None
+        if isinstance(target, dict) and isinstance(name, str) and library.is_path(name):
+            target[key] = str(folder.resolve() / name)
+
+
 def _apply(data: dict[str, Any], override: str) -> None:
     key, separator, text = override.partition("=")
     if not separator or not key.strip():
@@ -213,38 +234,55 @@ def _apply(data: dict[str, Any], override: str) -> None:
         value = tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
         value = text.strip()
-    *parents, leaf = key.strip().split(".")
+    set_key(data, key.strip(), value)
+
+
+def set_key(data: dict[str, Any], key: str, value: Any) -> None:
+    """Set a dotted key in nested data, say ``leds.count``.
+
+    Raises:
+        ScenarioError: when a part of the key holds a value rather than keys.
+    """
+    *parents, leaf = key.split(".")
     node = data
     for parent in parents:
         node = node.setdefault(parent, {})
         if not isinstance(node, dict):
-            raise ScenarioError(f"--set {override}: {parent} holds a value, not keys")
+            raise ScenarioError(f"{key}: {parent} holds a value, not keys")
     if leaf == "preset" and parents and parents[0] in SECTIONS:
         clear_for_preset(data, parents[0], str(value))
     node[leaf] = value
 
 
-def _explain(error: ValidationError) -> str:
+def explain(error: ValidationError, root: type[BaseModel] | None = None) -> str:
+    """One line about the first thing wrong with a model's data, and how many more there are."""
+    root = root or Scenario
     first, *rest = error.errors(include_url=False)
-    # Members of a union (a number or 'auto') are named by their type at the end of the location.
-    location = [part for part in first["loc"] if not (isinstance(part, str) and not part.isidentifier())]
+    location = _location(first["loc"])
     key = ".".join(str(part) for part in location) or "scenario"
-    more = f" (and {len(rest)} more)" if rest else ""
+    others = {tuple(_location(e["loc"])) for e in rest} - {tuple(location)}
+    more = f" (and {len(others)} more)" if others else ""
     if first["type"] == "extra_forbidden":
-        near = difflib.get_close_matches(str(location[-1]), _keys_beside(location), n=1, cutoff=0.5)
+        near = difflib.get_close_matches(str(location[-1]), _keys_beside(location, root), n=1, cutoff=0.5)
         meant = [*location[:-1], *near]
-        hint = f"; did you mean {'.'.join(map(str, meant))!r} ({_describe(meant)})?" if near else ""
+        about = describe(meant, root)
+        hint = f"; did you mean {'.'.join(map(str, meant))!r}{f' ({about})' if about else ''}?" if near else ""
         return f"{key}: unknown key{hint}{more}"
     if first["type"] == "value_error":
         message = str(first["ctx"]["error"]) if "ctx" in first else first["msg"]
         return (message if not location else f"{key}: {message}") + more
-    about = _describe(location)
+    about = describe(location, root)
     expected = first["msg"].replace("Input should be", "expected").split(", unable")[0]
     return f"{key}: {first['input']!r}, {expected}{f' ({about})' if about else ''}{more}"
 
 
-def _model_at(location: list[Any]) -> type[BaseModel] | None:
-    model: Any = Scenario
+def _location(loc: tuple[int | str, ...]) -> list[int | str]:
+    """Keys and indices alone: members of a union (a number or 'auto') are named by their type at the location's end."""
+    return [part for part in loc if isinstance(part, int) or part.isidentifier()]
+
+
+def _model_at(location: list[Any], root: type[BaseModel]) -> type[BaseModel] | None:
+    model: Any = root
     for part in location:
         field = model.model_fields.get(part) if isinstance(model, type) and issubclass(model, BaseModel) else None
         if field is None:
@@ -253,15 +291,16 @@ def _model_at(location: list[Any]) -> type[BaseModel] | None:
     return model if isinstance(model, type) and issubclass(model, BaseModel) else None
 
 
-def _keys_beside(location: list[Any]) -> list[str]:
-    model = _model_at(location[:-1])
+def _keys_beside(location: list[Any], root: type[BaseModel]) -> list[str]:
+    model = _model_at(location[:-1], root)
     return list(model.model_fields) if model else []
 
 
-def _describe(location: list[Any]) -> str:
+def describe(location: list[Any], root: type[BaseModel] | None = None) -> str:
+    """Description of the innermost known key of a location; empty where there is none."""
     names = [part for part in location if isinstance(part, str)]
     while names:
-        model = _model_at(names[:-1])
+        model = _model_at(names[:-1], root or Scenario)
         if model is not None and names[-1] in model.model_fields:
             return model.model_fields[names[-1]].description or ""
         names.pop()

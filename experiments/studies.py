@@ -6,10 +6,10 @@ from pathlib import Path
 
 import click
 
-from experiments.cli import Options, shared_options
+from experiments.cli import Options, announce_variant, shared_options, with_progress
 
 
-@click.group()
+@click.group(no_args_is_help=False)
 def sensor() -> None:
     """Sensor characterisation."""
 
@@ -63,7 +63,114 @@ def marker(options: Options, scenario: str | None) -> None:
     options.emit({"files": written})
 
 
+@click.command()
+@click.argument("names", metavar="[NAME|FILE.toml]...", nargs=-1)
+@shared_options
+def materials(options: Options, names: tuple[str, ...]) -> None:
+    """List the materials, or those named with their sources; --out FOLDER writes figures of lobe and spectrum, and a CSV."""
+    from dataclasses import asdict
+
+    from experiments import materials_page
+
+    rows = materials_page.run(options.out, names)
+    options.say(materials_page.as_table(rows), *(materials_page.sources(rows) if names else ()))
+    if options.out is not None:
+        options.say(f"Page, figures and data: {options.out / 'materials.md'}")
+    options.emit({"wavelength_nm": materials_page.WAVELENGTH_NM, "materials": [asdict(row) for row in rows]})
+
+
+@click.command()
+@click.argument("plan", metavar="SWEEP.toml", type=click.Path(path_type=Path))
+@click.option("--resume", is_flag=True, help="Go on with an interrupted sweep.")
+@click.option(
+    "--workers", type=click.IntRange(1), help="Processes; default one a core. The result does not depend on it."
+)
+@shared_options
+def sweep(options: Options, plan: Path, resume: bool, workers: int | None) -> None:
+    """Run a grid, list or sample over any scenario keys into one labelled dataset (--out FILE.nc)."""
+    from experiments import sweep as study
+
+    if options.out is None:
+        raise click.UsageError("sweep: give --out FILE.nc")
+    overrides = options.overrides if options.seed is None else (*options.overrides, f"seed={options.seed}")
+    cases = study.load_sweep(plan, overrides)
+    announce_variant(options)
+    outcome = with_progress(
+        options, lambda tell: study.run_sweep(cases, options.out, resume=resume, workers=workers, progress=tell)
+    )
+    failed = int((outcome.dataset.reason != "").sum())
+    rendered = (
+        f"{outcome.rendered} geometries rendered" if outcome.rendered else "nothing rendered, all transport was cached"
+    )
+    options.say(
+        f"{len(cases.scenarios)} cases, {outcome.computed} computed now, {rendered}; {failed} with a reason: {options.out}"
+    )
+    options.emit(
+        {"out": options.out, "cases": len(cases.scenarios), "computed": outcome.computed, "rendered": outcome.rendered}
+    )
+
+
+@click.command()
+@click.option("--clear", is_flag=True, help="Remove every cached basis.")
+@shared_options
+def cache(options: Options, clear: bool) -> None:
+    """Show, or --clear, the cache of rendered transport."""
+    from scenes.cache import TransportCache, default_folder
+
+    store = TransportCache(default_folder())
+    sizes = [size for _, size in store.entries()]
+    if clear:
+        options.say(f"{store.clear()} bases removed from {store.folder}")
+    else:
+        options.say(
+            f"{len(sizes)} bases, {sum(sizes) / 2**20:.1f} of at most {store.limit_bytes / 2**20:.0f} MiB: {store.folder}"
+        )
+    options.emit({"folder": store.folder, "bases": 0 if clear else len(sizes), "bytes": 0 if clear else sum(sizes)})
+
+
+@click.command()
+@click.argument("results", metavar="RESULTS.nc", type=click.Path(path_type=Path))
+@click.option("--x", required=True, help="Dimension along the axis, say range_m.")
+@click.option("--y", required=True, help="Variable to draw, say cnr_analytic.")
+@click.option("--hue", help="Dimension that separates the lines, say exposure_s.")
+@click.option("--select", multiple=True, metavar="DIM=VALUE", help="Fix another dimension; default its first value.")
+@shared_options
+def plot(options: Options, results: Path, x: str, y: str, hue: str | None, select: tuple[str, ...]) -> None:
+    """Draw a slice of a results file into --out FILE (.svg, .png or .pdf)."""
+    from experiments.plot import draw_slice
+
+    if options.out is None:
+        raise click.UsageError("plot: give --out FILE.svg")
+    fixed = draw_slice(results, x, y, hue, select, options.out)
+    where = f" at {', '.join(f'{k} = {v}' for k, v in fixed.items())}" if fixed else ""
+    options.say(f"{y} over {x}{where}: {options.out}")
+    options.emit({"out": options.out, "fixed": fixed})
+
+
+@click.command()
+@shared_options
+def errata(options: Options) -> None:
+    """The thesis's link budget as printed, repaired slip by slip, and in full; --out FOLDER writes page, figures and data."""
+    from experiments import errata as study
+    from experiments import errata_page
+
+    if options.overrides:
+        raise click.UsageError(
+            "errata: its settings are the thesis's, so --set has nothing to change; use mantis budget"
+        )
+    dataset = study.run(options.out)
+    options.say(*errata_page.tables(dataset))
+    if options.out is not None:
+        options.say(f"Page, figures and data: {options.out / 'thesis-errata.md'}")
+    options.emit(errata_page.facts(dataset))
+
+
 VERBS: tuple[click.Command, ...] = (
+    errata,
+    sweep,
+    cache,
+    plot,
     marker,
+    materials,
     sensor,
 )

@@ -7,7 +7,14 @@ from typing import Any
 
 import click
 
-from experiments.cli import EnvironmentLacking, Options, RequirementNotMet, shared_options
+from experiments.cli import (
+    EnvironmentLacking,
+    Options,
+    RequirementNotMet,
+    announce_variant,
+    shared_options,
+    with_progress,
+)
 
 SCENARIO = click.argument("scenario", required=False)
 
@@ -53,8 +60,8 @@ def budget(options: Options, scenario: str | None, quick: bool, require: str | N
         chosen = study.quick(chosen)
     out = options.out or Path("out/budget")
     _ready_folder(out)
-    _announce_variant(options)
-    result = _with_progress(options, lambda tell: study.run_budget(chosen, out, tell, workers))
+    announce_variant(options)
+    result = with_progress(options, lambda tell: study.run_budget(chosen, out, tell, workers))
 
     from experiments.budget_report import render_budget_report
     from experiments.console import budget_table, verdict_panel
@@ -88,6 +95,9 @@ def _parse_requirement(require: str | None, scenario: Any) -> tuple[str, float] 
         range_m = float("nan")
     if light not in scenario.budget.lights or not range_m > 0:
         raise click.UsageError(f"--require {require}: expected 'closes' or LIGHT:RANGE in metres, say eclipse:10")
+    nearest, furthest = scenario.budget.ranges_m[0], scenario.budget.ranges_m[-1]
+    if not nearest <= range_m <= furthest:
+        raise click.UsageError(f"--require {require}: budget.ranges_m judges {nearest:g} to {furthest:g} m only")
     return light, range_m
 
 
@@ -128,7 +138,7 @@ def render(options: Options, scenario: str | None, export: Path | None) -> None:
         raise click.UsageError("render: give --out FILE.exr, --export FOLDER, or both")
     if options.out is not None and options.out.suffix.lower() != ".exr":
         raise click.UsageError(f"--out {options.out}: expected a name that ends in .exr")
-    _announce_variant(options)
+    announce_variant(options)
     if export is not None:
         from scenes.export import export_scene
 
@@ -223,36 +233,6 @@ def _ready_folder(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise click.UsageError(f"--out {folder}: cannot be made a folder ({error.strerror})") from error
-
-
-def _announce_variant(options: Options) -> None:
-    """Choose the renderer now, so that its warning comes before the work."""
-    import warnings
-
-    from scenes.llvm import activate_variant
-
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        try:
-            activate_variant()
-        except (ImportError, RuntimeError) as error:
-            raise EnvironmentLacking(f"{error}; `mantis doctor` says what to install") from error
-    for warning in caught:
-        if not options.quiet:
-            click.echo(f"mantis: {warning.message}", err=True)
-
-
-def _with_progress(options: Options, work: Any) -> Any:
-    """Run `work(progress)` under a bar on a terminal, silently elsewhere."""
-    if not options.interactive:
-        return work(None)
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-    columns = (TextColumn("{task.description:16}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("compiling", total=None)
-        return work(lambda done, total, label: bar.update(task, completed=done, total=total, description=label))
 
 
 VERBS = (doctor, budget, render, expose, detect, schema)

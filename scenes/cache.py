@@ -17,6 +17,7 @@ from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
 
+from materials import library
 from scenes.exr import read_basis, write_basis
 from scenes.transport import Quality, TransportBasis, View, render_basis
 
@@ -64,6 +65,9 @@ def key(view: View, quality: Quality, variant: str) -> str:
         **{name: getattr(view, name).model_dump(mode="json") for name in ("marker", "target", "sun")},
         "range_m": view.range_m,
         "nodes_nm": view.nodes_nm,
+        "own_materials": [
+            hashlib.sha256(Path(name).read_bytes()).hexdigest() for name in view.target.materials if library.is_path(name)
+        ],
     }
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:32]
 

@@ -5,9 +5,14 @@ from __future__ import annotations
 from typing import Annotated
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from radiometry.geometry import FloatArray
 from scenes.marker import MarkerDesign, Mesh
+
+#: Facets along a side of the face that the renderer is asked to mesh: two million triangles.
+MAX_FACETS = 1000
 
 
 class Target(BaseModel):
@@ -21,7 +26,7 @@ class Target(BaseModel):
     face_material: str = Field("mli_foil", description="material of the face, a name of the library")
     tape_material: str = Field("tape_type_xi", description="material of the marker's reflective parts")
     absorber_material: str = Field("black_coating", description="material of the marker's absorbing parts")
-    facet_m: Annotated[float, Field(gt=0)] = Field(
+    facet_m: Annotated[float, Field(gt=0, allow_inf_nan=False)] = Field(
         0.02, description="side of a facet of the crinkled foil [m]; assumption"
     )
     facet_slope_deg: Annotated[float, Field(ge=0, le=30)] = Field(
@@ -37,27 +42,49 @@ class Target(BaseModel):
         description="distance of the marker from the axis of turn [m]; assumption: near half a 1 m face's diagonal",
     )
 
+    @model_validator(mode="after")
+    def _meshable(self) -> Target:
+        if self.facet_slope_deg > 0 and self.face_m / self.facet_m > MAX_FACETS:
+            raise ValueError(
+                f"facet_m: {self.facet_m:g} m is {self.face_m / self.facet_m:.0f} facets along face_m, {self.face_m:g} m; "
+                f"expected at most {MAX_FACETS}"
+            )
+        return self
+
+    @property
+    def materials(self) -> tuple[str, str, str]:
+        """Names of all materials: tape, absorber and face."""
+        return self.tape_material, self.absorber_material, self.face_material
+
 
 def face_mesh(target: Target, marker: MarkerDesign) -> Mesh:
     """Crinkled sheet as flat triangles: vertices (n, 3) in the marker frame [m], faces (m, 3), facing the viewer.
 
-    Heights are independent and Gaussian at the grid's vertices. A facet's slope along an edge is the difference of two of
-    them over the edge, so σ_height = slope · facet / √2. All of it stays behind the marker's mounting plane.
+    Heights are independent and Gaussian, cut at 3σ, at the vertices of a jittered grid, and scaled so that the root mean square
+    of the facets' slopes ∂z/∂x and ∂z/∂y is tan(facet_slope). All of it stays behind the marker's mounting plane.
     """
     cells = max(1, round(target.face_m / target.facet_m)) if target.facet_slope_deg > 0 else 1
     rng = np.random.default_rng(target.facet_seed)
     edge = np.linspace(-target.face_m / 2, target.face_m / 2, cells + 1)
     x, y = np.meshgrid(edge, edge)
     step = target.face_m / cells
-    sigma = np.tan(np.radians(target.facet_slope_deg)) * step / np.sqrt(2)
     if cells > 1:
         inner = (slice(1, -1), slice(1, -1))
-        x[inner] += rng.uniform(-0.3, 0.3, x[inner].shape) * step
-        y[inner] += rng.uniform(-0.3, 0.3, y[inner].shape) * step
-    height = rng.standard_normal(x.shape).clip(-3, 3) * sigma
-    z = -marker.thickness_m - 3 * sigma + height
-    vertices = np.stack([x, y, z], axis=-1).reshape(-1, 3)
+        # From a quarter of a step on, a triangle could turn over.
+        x[inner] += rng.uniform(-0.2, 0.2, x[inner].shape) * step
+        y[inner] += rng.uniform(-0.2, 0.2, y[inner].shape) * step
+    height = rng.standard_normal(x.shape).clip(-3, 3)
     index = np.arange((cells + 1) ** 2, dtype=np.uint32).reshape(cells + 1, cells + 1)
     a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
     faces = np.concatenate([np.stack(t, axis=-1).reshape(-1, 3) for t in ((a, b, c), (a, c, d))])
+    vertices = np.stack([x, y, height], axis=-1).reshape(-1, 3)
+    sigma = np.tan(np.radians(target.facet_slope_deg)) / np.sqrt(np.mean(facet_slopes(vertices, faces) ** 2))
+    vertices[:, 2] = -marker.thickness_m + sigma * (vertices[:, 2] - 3)
     return vertices, faces
+
+
+def facet_slopes(vertices_m: FloatArray, faces: NDArray[np.uint32]) -> FloatArray:
+    """Slopes ∂z/∂x and ∂z/∂y of every triangle of a mesh, (m, 2)."""
+    a, b, c = (vertices_m[faces[:, k]] for k in range(3))
+    normal = np.cross(b - a, c - a)
+    return -normal[:, :2] / normal[:, 2:]

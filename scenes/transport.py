@@ -180,8 +180,7 @@ def _stock_subpixels(scene: Any, view: View, region: Region, pad: int, seed: int
     """Sub-pixels by Mitsuba's own renderer, for scalar variants; once only where no material changes with wavelength."""
     from scenes.stock import render_subpixels
 
-    target = view.target
-    materials = [library.load(name) for name in (target.tape_material, target.absorber_material, target.face_material)]
+    materials = [library.load(name) for name in view.target.materials]
     flat = all(np.ptp(s.values) == 0 for m in materials for s in (m.diffuse, m.gloss, m.retro))
     fx, fy = view.camera.focal_px
     steps = (1 / region.samples, fy / fx / region.samples)

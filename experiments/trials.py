@@ -1,0 +1,193 @@
+"""Noise draws of one case: what the bits, the detector and the pose solver give over many frames of one exposure.
+
+A case is a scenario's geometry, an illumination and an exposure. Every study that repeats frames calls `draw`.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from multiprocessing import get_context
+
+import numpy as np
+from numpy.typing import NDArray
+
+from detector.features import Features
+from experiments import chain
+from experiments.scenario import Scenario
+from radiometry.geometry import FloatArray
+from radiometry.thesis import PrintedModel
+
+#: Reports progress: cases done, cases in all, what is being worked on.
+Progress = Callable[[int, int, str], None]
+
+#: Pixels of each bit: rows and columns.
+BitPixels = list[tuple[NDArray[np.intp], NDArray[np.intp]]]
+
+#: What is known of a case: unit and long name.
+VARIABLES: dict[str, tuple[str, str]] = {
+    "exposure_s": ("s", "exposure"),
+    "signal_analytic": ("electron", "signal of a bright bit, closed form"),
+    "background_analytic": ("electron", "signal of a neighbouring dark cell, closed form"),
+    "snr_analytic": ("1", "signal-to-noise ratio of a bright bit, closed form"),
+    "cnr_analytic": ("1", "contrast-to-noise ratio of a bit, closed form"),
+    "signal_expected": ("electron", "signal of a bright bit, rendered, before noise and clipping"),
+    "background_expected": ("electron", "signal of a neighbouring dark cell, rendered, before noise and clipping"),
+    "signal_rendered": ("electron", "signal of a bright bit, mean over the noise draws of the rendered frames"),
+    "background_rendered": ("electron", "signal of a neighbouring dark cell, mean over the noise draws"),
+    "snr_rendered": ("1", "signal-to-noise ratio over the noise draws; missing where bits saturate"),
+    "snr_rendered_ci95": ("1", "half width of the 95 % interval of snr_rendered"),
+    "cnr_rendered": ("1", "contrast-to-noise ratio over the noise draws; missing where bits saturate"),
+    "cnr_rendered_ci95": ("1", "half width of the 95 % interval of cnr_rendered"),
+    "snr_thesis": ("1", "signal-to-noise ratio by the thesis's formula as printed, its own 5 mm bit"),
+    "full_well_fraction": ("1", "expected signal of a bright bit over the usable well"),
+    "saturated_fraction": ("1", "share of bright-bit pixels that saturate"),
+    "smear_px": ("pixel", "motion of the target during the exposure"),
+    "detected_fraction": ("1", "share of frames in which the marker is found"),
+    "attitude_error_p95_deg": ("degree", "95th percentile of the attitude error"),
+    "range_error_p95": ("1", "95th percentile of the range error over range"),
+}
+
+
+@dataclass(frozen=True)
+class Trials:
+    """Results of the noise draws of one range, illumination and exposure."""
+
+    values: dict[str, float]
+    detected: NDArray[np.bool_]
+    attitude_error_deg: FloatArray
+    range_error: FloatArray
+    frame: NDArray[np.uint16]
+    features: Features
+
+
+def known_values(
+    scenario: Scenario, light: str, budget: chain.LinkBudget, rate: FloatArray, seconds: list[float]
+) -> dict[str, list[float]]:
+    """Per exposure, what needs no noise: closed form, thesis, and the rendered expectation."""
+    scene_view, marker, printed = chain.view(scenario), scenario.marker, PrintedModel()
+    signal_rate = _mean_over_bits(rate, chain.bit_pixels(scene_view, marker.white_bit_centres_m()))
+    background_rate = _mean_over_bits(rate, chain.bit_pixels(scene_view, marker.black_bit_centres_m()))
+    values: dict[str, list[float]] = {name: [] for name in VARIABLES}
+    for t in seconds:
+        analytic = budget.at(t)
+        values["exposure_s"].append(t)
+        for name in ("signal", "background", "snr", "cnr"):
+            values[f"{name}_analytic"].append(analytic[name])
+        values["signal_expected"].append(signal_rate * t)
+        values["background_expected"].append(background_rate * t)
+        values["full_well_fraction"].append((signal_rate * t + analytic["dark"]) / chain.usable_well(scenario.sensor))
+        values["smear_px"].append(analytic["smear_px"])
+        values["snr_thesis"].append(float(printed.snr(scenario.range_m, t, sun=light == "sun")))
+    return {name: v for name, v in values.items() if v}
+
+
+def _mean_over_bits(image: FloatArray, pixels: BitPixels) -> float:
+    """Mean over bits of the mean over each bit's pixels; NaN where none is in the frame."""
+    seen = [image[p].mean() for p in pixels if len(p[0])]
+    return float(np.mean(seen)) if seen else np.nan
+
+
+def draw(scenario: Scenario, rate: FloatArray, light: str, seconds: list[float]) -> list[Trials]:
+    """Noise draws of every exposure: statistics of the bits, detection and pose."""
+    scene_view, marker = chain.view(scenario), scenario.marker
+    white = chain.bit_pixels(scene_view, marker.white_bit_centres_m())
+    black = chain.bit_pixels(scene_view, marker.black_bit_centres_m())
+    return [_draw_exposure(scenario, rate, light, t, white, black) for t in seconds]
+
+
+def _draw_exposure(
+    scenario: Scenario,
+    rate: FloatArray,
+    light: str,
+    seconds: float,
+    white: BitPixels,
+    black: BitPixels,
+) -> Trials:
+    sensor, trials = scenario.sensor, scenario.budget.trials
+    bright, dark = _index(white), _index(black)
+    levels = {"signal": np.empty((trials, len(bright[0]))), "background": np.empty((trials, len(dark[0])))}
+    sightings, first = [], None
+    for trial in range(trials):
+        frame = chain.take_frame(scenario, rate, light, seconds, trial).dn
+        first = frame if first is None else first
+        electrons = (frame - np.float32(sensor.offset_dn)) * np.float32(sensor.gain_electrons_per_dn)
+        levels["signal"][trial], levels["background"][trial] = electrons[bright], electrons[dark]
+        sightings.append(chain.look(scenario, frame))
+    assert first is not None
+    errors = np.array([chain.pose_errors(scenario, s.pose) for s in sightings])
+    found = np.array([s.features.detected for s in sightings])
+    ceiling = (sensor.saturation_dn - sensor.offset_dn) * sensor.gain_electrons_per_dn
+    saturated = float(np.mean(levels["signal"] >= ceiling - 4 * sensor.total_noise_electrons))
+    return Trials(
+        {
+            **_noise_statistics(levels["signal"], levels["background"], saturated),
+            "saturated_fraction": saturated,
+            "detected_fraction": float(found.mean()),
+            "attitude_error_p95_deg": _percentile95(np.degrees(errors[:, 0])),
+            "range_error_p95": _percentile95(errors[:, 1]),
+        },
+        found, np.degrees(errors[:, 0]), errors[:, 1], first, sightings[0].features,
+    )  # fmt: skip
+
+
+def _index(pixels: BitPixels) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    return np.concatenate([p[0] for p in pixels]), np.concatenate([p[1] for p in pixels])
+
+
+def _percentile95(values: FloatArray) -> float:
+    """95th percentile of those that are known; NaN when none is."""
+    known = values[np.isfinite(values)]
+    return float(np.percentile(known, 95)) if len(known) else np.nan
+
+
+def _noise_statistics(signal: FloatArray, background: FloatArray, saturated: float) -> dict[str, float]:
+    """Mean levels, SNR and CNR over noise draws (trials, pixels), with half widths of their 95 % intervals.
+
+    The variance of a pixel is taken over the draws and averaged over pixels: pixels·(trials − 1) degrees of freedom n, so
+    its relative standard deviation is √(2/n), and that of a ratio to its root is half of it. To this adds the scatter of the
+    means, variance over pixels·trials, which prevails below an SNR of about one.
+    """
+    means = signal.mean() if signal.size else np.nan, background.mean() if background.size else np.nan
+    result = {"signal_rendered": float(means[0]), "background_rendered": float(means[1])}
+    names = ("snr_rendered", "snr_rendered_ci95", "cnr_rendered", "cnr_rendered_ci95")
+    if saturated > 0.01 or not signal.size or not background.size:
+        return {**result, **dict.fromkeys(names, np.nan)}
+    variance = [levels.var(axis=0, ddof=1).mean() for levels in (signal, background)]
+    freedom = [levels.shape[1] * (len(levels) - 1) for levels in (signal, background)]
+    total = variance[0] + variance[1]
+    snr, cnr = means[0] / np.sqrt(variance[0]), (means[0] - means[1]) / np.sqrt(total)
+    of_means = [v / levels.size for v, levels in zip(variance, (signal, background), strict=True)]
+    spread2 = 2 * sum((v / total) ** 2 / n for v, n in zip(variance, freedom, strict=True))
+    snr_ci95 = 1.96 * np.sqrt(of_means[0] / variance[0] + snr**2 * 0.5 / freedom[0])
+    cnr_ci95 = 1.96 * np.sqrt(sum(of_means) / total + cnr**2 * spread2 / 4)
+    return {**result, **dict(zip(names, (snr, snr_ci95, cnr, cnr_ci95), strict=True))}
+
+
+@contextmanager
+def pool(workers: int | None) -> Iterator[Callable[..., Future[list[Trials]]]]:
+    """A function that runs `draw` elsewhere: in spawned processes (the renderer must not be forked), or here with one core."""
+    count = workers if workers is not None else (os.cpu_count() or 1)
+    if count <= 1:
+
+        def run_here(*arguments: object) -> Future[list[Trials]]:
+            future: Future[list[Trials]] = Future()
+            future.set_result(draw(*arguments))  # type: ignore[arg-type]
+            return future
+
+        yield run_here
+        return
+    executor = ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_one_thread)
+    try:
+        yield lambda *arguments: executor.submit(draw, *arguments)
+    finally:
+        executor.shutdown(wait=True, cancel_futures=True)
+
+
+def _one_thread() -> None:
+    import cv2
+
+    cv2.setNumThreads(1)

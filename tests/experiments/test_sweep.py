@@ -1,0 +1,215 @@
+"""Sweeps give the same dataset to the last bit, however they were run or interrupted."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from experiments import sweep as study
+from experiments.journal import Journal
+from experiments.plot import draw_slice
+from experiments.scenario import ScenarioError
+
+PLAN = """
+trials = 2
+[set]
+"render.marker_rays" = 10000
+"render.frame_samples" = 1
+"camera.width_px" = 96
+"camera.height_px" = 80
+[grid]
+range_m = [3.0, 4.0]
+light = ["eclipse", "sun"]
+exposure_s = [4e-7, "auto", 1e-3]
+"""
+
+
+@pytest.fixture(autouse=True)
+def own_cache(tmp_path_factory, monkeypatch):
+    """One cache for this module's tests, away from the user's."""
+    folder = tmp_path_factory.getbasetemp() / "sweep-cache"
+    monkeypatch.setenv("MANTIS_CACHE", str(folder))
+    return folder
+
+
+def _write(folder: Path, text: str = PLAN) -> Path:
+    path = folder / "sweep.toml"
+    path.write_text(text)
+    return path
+
+
+def _run(folder: Path, text: str = PLAN, **options) -> study.Outcome:
+    return study.run_sweep(study.load_sweep(_write(folder, text)), folder / "out.nc", **{"workers": 1, **options})
+
+
+def test_dimensions_are_the_swept_keys_with_units(tmp_path):
+    _run(tmp_path)
+    dataset = xr.load_dataset(tmp_path / "out.nc", engine="h5netcdf")
+    assert dict(dataset.sizes) == {"range_m": 2, "light": 2, "exposure_s": 3}
+    assert dataset.range_m.attrs["units"] == "m"
+    assert list(dataset.exposure_s.values) == ["4e-07", "auto", "0.001"]
+    assert all("long_name" in v.attrs for v in dataset.data_vars.values())
+    assert np.all(dataset.full_well_fraction.sel(exposure_s="auto") == pytest.approx(0.5, abs=0.03))
+
+
+def test_each_geometry_is_rendered_once_and_a_second_sweep_renders_nothing(tmp_path):
+    plan = PLAN.replace("[3.0, 4.0]", "[3.3, 4.4]")
+    first = _run(tmp_path, plan)
+    assert (first.rendered, first.computed) == (2, 12)
+    (tmp_path / "again").mkdir()
+    other = plan.replace('[4e-7, "auto", 1e-3]', "[2e-7]")
+    second = _run(tmp_path / "again", other)
+    assert (second.rendered, second.computed) == (0, 4)
+
+
+def test_spawned_workers_give_the_same_file(tmp_path):
+    (tmp_path / "a").mkdir()
+    (tmp_path / "b").mkdir()
+    _run(tmp_path / "a", workers=1)
+    _run(tmp_path / "b", workers=2)
+    assert (tmp_path / "a" / "out.nc").read_bytes() == (tmp_path / "b" / "out.nc").read_bytes()
+
+
+def test_a_sweep_killed_at_twenty_random_moments_ends_with_the_same_bytes(tmp_path):
+    """Rationale: kill -9 leaves no chance to tidy up, so whatever is on disk at any instant must be enough to go on.
+
+    Expected: after twenty kills the resumed sweep's file equals the uninterrupted one's, byte for byte, and every case that
+    was in the journal was computed once only.
+    """
+    whole, killed = tmp_path / "whole", tmp_path / "killed"
+    whole.mkdir()
+    killed.mkdir()
+    plan = PLAN.replace('[4e-7, "auto", 1e-3]', str([1e-7 * k for k in range(1, 26)]))
+    _run(whole, plan)
+    _write(killed, plan)
+    script = """
+import os, random, signal, sys, time
+from pathlib import Path
+from experiments import journal, sweep as study
+folder = Path(sys.argv[1])
+plan = study.load_sweep(folder / "sweep.toml")
+appended = folder / "appended.txt"
+original = journal.Journal.append
+def counted(self, index, record):
+    original(self, index, record)
+    with appended.open("a") as file:
+        file.write(f"{index}\\n")
+journal.Journal.append = counted
+study.compute((0, plan.scenarios[0]))  # imports and tables once, so that the kills fall into the work
+random.seed(7)
+kills = 0
+while kills < 20:
+    child = os.fork()
+    if child == 0:
+        study.run_sweep(plan, folder / "out.nc", resume=True, workers=1)
+        os._exit(0)
+    time.sleep(random.uniform(0.1, 0.8))
+    os.kill(child, signal.SIGKILL)
+    if os.waitpid(child, 0)[1] == 0:
+        break
+    kills += 1
+print(kills)
+"""
+    done = subprocess.run([sys.executable, "-c", script, str(killed)], capture_output=True, text=True, check=True)
+    assert int(done.stdout) == 20, "the sweep ended before it could be killed twenty times; make it longer"
+    before = [int(line) for line in (killed / "appended.txt").read_text().split()]
+    assert 0 < len(set(before)) < 100, "every kill fell before the first case or after the last"
+    final = study.run_sweep(study.load_sweep(killed / "sweep.toml"), killed / "out.nc", resume=True, workers=1)
+    assert len(before) == len(set(before)), "a finished case was computed again"
+    assert final.computed <= 100 - len(set(before))
+    assert (killed / "out.nc").read_bytes() == (whole / "out.nc").read_bytes()
+    assert not (killed / "out.nc.journal").exists()
+
+
+def test_an_unfinished_sweep_is_not_overwritten_unasked(tmp_path):
+    sweep = study.load_sweep(_write(tmp_path))
+    Journal(tmp_path / "out.nc.journal", study.digest(sweep)).open(False)
+    with pytest.raises(ValueError, match="add --resume"):
+        study.run_sweep(sweep, tmp_path / "out.nc", workers=1)
+    changed = study.load_sweep(_write(tmp_path, PLAN.replace("trials = 2", "trials = 3")))
+    with pytest.raises(ValueError, match="belongs to another sweep"):
+        study.run_sweep(changed, tmp_path / "out.nc", workers=1, resume=True)
+
+
+def test_a_torn_line_at_the_end_of_the_journal_is_dropped(tmp_path):
+    journal = Journal(tmp_path / "j", "d")
+    journal.open(False)
+    journal.append(0, {"values": {"a": 0.1}, "reason": ""})
+    journal.append(1, {"values": {"a": 0.2}, "reason": ""})
+    text = journal.path.read_text()
+    journal.path.write_text(text[:-7])
+    assert set(journal.open(True)) == {0}
+    journal.append(1, {"values": {"a": 0.3}, "reason": ""})
+    assert journal.open(True)[1]["values"]["a"] == 0.3
+
+
+def test_a_case_that_cannot_be_computed_is_recorded_and_the_sweep_goes_on(tmp_path, monkeypatch):
+    original = study._case
+
+    def sometimes(scenario, store):
+        if scenario.range_m == 4.0:
+            raise MemoryError("no room for 4 m")
+        return original(scenario, store)
+
+    monkeypatch.setattr(study, "_case", sometimes)
+    dataset = _run(tmp_path).dataset
+    assert set(dataset.reason.sel(range_m=4.0).values.ravel()) == {"MemoryError: no room for 4 m"}
+    assert np.isnan(dataset.snr_analytic.sel(range_m=4.0)).all()
+    assert np.isfinite(dataset.snr_analytic.sel(range_m=3.0)).all()
+
+
+def test_list_and_sample_run_side_by_side(tmp_path):
+    side = PLAN[: PLAN.index("[grid]")] + '[list]\nrange_m = [3.0, 4.0]\n"leds.count" = [10, 20]\n'
+    dataset = _run(tmp_path, side).dataset
+    assert dict(dataset.sizes) == {"case": 2}
+    assert list(dataset["leds.count"].values) == [10, 20]
+    sample = (
+        PLAN[: PLAN.index("[grid]")]
+        + '[sample]\ncount = 4\n[sample.ranges]\n"sun.phase_deg" = [20, 90]\nrange_m = [2, 5]\n'
+    )
+    sweep = study.load_sweep(_write(tmp_path, sample))
+    drawn = np.array([[s["sun.phase_deg"], s["range_m"]] for s in sweep.settings])
+    assert drawn.shape == (4, 2)
+    assert np.all((drawn >= [20, 2]) & (drawn <= [90, 5]))
+    assert study.load_sweep(tmp_path / "sweep.toml").settings == sweep.settings
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("trials = 2\n", r"a sweep needs \[grid\], \[list\] or \[sample\]"),
+        ("[grid]\nrange_m = []\n", "grid.range_m"),
+        ("[grid]\nrange_m = [-1]\n", "case range_m=-1: range_m: -1"),
+        ('[grid]\n"leds.cuont" = [1]\n', "leds.cuont: unknown key; did you mean 'leds.count'"),
+        ("[list]\nrange_m = [1, 2]\nexposure_s = [1e-6]\n", "as many values"),
+        ("[grid]\nrange_m = [1]\n[list]\nrange_m = [2]\n", "range_m: swept twice"),
+        ("[gird]\nrange_m = [1]\n", "gird: unknown key; did you mean 'grid'"),
+        ("not toml", "not a TOML file"),
+    ],
+)
+def test_a_bad_plan_gets_one_clear_line(tmp_path, text, message):
+    with pytest.raises(ScenarioError, match=message) as caught:
+        study.load_sweep(_write(tmp_path, text))
+    assert "\n" not in str(caught.value)
+
+
+def test_any_slice_is_drawn_and_bad_choices_are_named(tmp_path):
+    _run(tmp_path)
+    out = tmp_path / "out.nc"
+    fixed = draw_slice(out, "range_m", "cnr_analytic", "exposure_s", ("light=sun",), tmp_path / "a.svg")
+    assert fixed == {"light": "sun"}
+    assert "contrast-to-noise ratio" in (tmp_path / "a.svg").read_text()
+    for bad, message in (
+        (("range_m", "nothing", None, ()), "no such variable"),
+        (("light", "cnr_analytic", None, ()), "must both be numbers"),
+        (("range_m", "cnr_analytic", "seed", ()), "not a dimension"),
+        (("range_m", "cnr_analytic", None, ("light=moon",)), "not among eclipse, sun"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            draw_slice(out, *bad, tmp_path / "b.svg")
+    assert not (tmp_path / "b.svg").exists()
