@@ -69,7 +69,7 @@ def exposure_windows(dataset: xr.Dataset, scenario: Scenario) -> xr.Dataset:
 
 
 def _place(array: xr.DataArray, index: dict[str, xr.DataArray]) -> str:
-    at = array.isel(index)  # type: ignore[arg-type]
+    at = array.isel(index)
     return f"{float(at.range_m):g} m in {LIGHT_NAMES[str(at.light.values)]}"
 
 
@@ -129,7 +129,7 @@ def _cnr_advice(here: xr.Dataset, windows: xr.Dataset, scenario: Scenario) -> li
     """The exposure, or the number of LEDs, that lifts the lowest CNR of each illumination to the limit."""
     statements = []
     for light in here.light.values:
-        worst = here.cnr_analytic.sel(light=light).fillna(np.inf).argmin("range_m")
+        worst = int(here.cnr_analytic.sel(light=light).fillna(np.inf).argmin("range_m"))
         case, window = here.sel(light=light).isel(range_m=worst), windows.sel(light=light).isel(range_m=worst)
         if not float(case.cnr_analytic) < scenario.requirement.cnr_min:
             continue

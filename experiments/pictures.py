@@ -15,7 +15,7 @@ from experiments.figures import GREEN, ORANGE, SKY, VERMILION, YELLOW
 from radiometry.geometry import FloatArray
 
 #: Pictures are enlarged by the largest whole factor that keeps them within this many pixels.
-PICTURE_PX = 240
+PICTURE_PX = 330
 #: Percentiles of the crop that become black and white.
 BLACK_PERCENTILE, WHITE_PERCENTILE = 1.0, 99.7
 
@@ -86,7 +86,7 @@ def _png(crop: NDArray[np.integer], scale: int) -> bytes:
 
 
 def _detections(features: Features, place: Callable[[FloatArray], FloatArray]) -> str:
-
+    assert features.corners_px is not None
     corners = place(features.corners_px)
     parts = [_polygon(corners, SKY)]
     parts += [_ring(corner, VERMILION, filled=i == 0) for i, corner in enumerate(corners)]

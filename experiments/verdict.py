@@ -85,9 +85,11 @@ class CaseVerdict:
         """True where every criterion is met at every range."""
         return len(self.closing_m) == len(self.ranges_m)
 
-    def at(self, range_m: float) -> list[Shortfall]:
-        """What fails at one range."""
-        return [s for s in self.shortfalls if s.range_m == range_m]
+    def failing_at(self, range_m: float) -> list[str]:
+        """Names of what fails at one range, without what only could not be measured because no frame gave a pose."""
+        here = [s for s in self.shortfalls if s.range_m == range_m]
+        measured = [s for s in here if not np.isnan(s.value)]
+        return [MEASURES[s.criterion].name for s in measured or here]
 
 
 @dataclass(frozen=True)
@@ -182,8 +184,9 @@ def _shortfall_text(name: str, value: float, limit: float) -> str:
 
 
 def _failure_text(ranges_m: tuple[float, ...], failing: list[Shortfall]) -> str:
-    """Where one criterion fails and the worst that was measured: 'sampling fails at 11–20 m: 1.03 px/bit at 20 m, ...'."""
-    lead = f"{MEASURES[failing[0].criterion].name} fails at {ranges_text(ranges_m, [s.range_m for s in failing])}"
+    """Where one criterion fails and the worst that was measured: 'Sampling fails at 11–20 m, worst at 20 m: 1.03 px/bit, ...'."""
+    name = MEASURES[failing[0].criterion].name
+    lead = f"{name[0].upper()}{name[1:]} fails at {ranges_text(ranges_m, [s.range_m for s in failing])}"
     measured = [s for s in failing if not np.isnan(s.value)]
     if not measured:
         return f"{lead}: {failing[0].text}"

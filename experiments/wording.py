@@ -10,7 +10,7 @@ LIGHT_NAMES = {"eclipse": "eclipse", "sun": "sunlight"}
 
 
 def number(value: float) -> str:
-    """Three significant digits, grouped from a thousand on: '0.525', '36.9', '31 700', '2.2×10⁸'; '–' for NaN."""
+    """Three significant digits, grouped from a thousand on: '0.525', '36.9', '31,700', '2.2×10⁸'; '–' for NaN."""
     if np.isnan(value):
         return "–"
     if np.isinf(value):
@@ -19,7 +19,7 @@ def number(value: float) -> str:
     if rounded and not 1e-4 <= abs(rounded) < 1e6:
         mantissa, exponent = f"{value:.1e}".split("e")
         return f"{mantissa}×10{str(int(exponent)).translate(str.maketrans('-0123456789', '⁻⁰¹²³⁴⁵⁶⁷⁸⁹'))}"
-    return f"{rounded:,.0f}".replace(",", "\N{NO-BREAK SPACE}") if abs(rounded) >= 1000 else f"{rounded:.3g}"
+    return f"{rounded:,.0f}" if abs(rounded) >= 1000 else f"{rounded:.3g}"
 
 
 def percent(value: float) -> str:
@@ -28,9 +28,10 @@ def percent(value: float) -> str:
 
 
 def factor(value: float) -> str:
-    """A factor above one, never rounded to one: '×1.05', '×1.9', '×45 000'."""
-    digits = 3 if value < 1.1 else 2
-    return f"×{number(float(f'{value:.{digits}g}'))}"
+    """A factor above one, never rounded to one: '×1.05', '×1.9', '×45,000'."""
+    if value < 1.1:
+        return f"×{1 + float(f'{value - 1:.1g}'):.10g}"
+    return f"×{number(float(f'{value:.2g}'))}"
 
 
 def listed(parts: Sequence[str]) -> str:

@@ -1,0 +1,236 @@
+"""Self-contained HTML reports: a verdict, then sections of text, figures, pictures and tables. Shared by every study.
+
+A report is plain data; `render` puts it into `templates/report.html`, which escapes every text. Only `svg` fields go in as they
+are: they must come from `figure` or from code that escapes for itself.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+from typing import ClassVar
+
+import jinja2
+from markupsafe import Markup
+from matplotlib.figure import Figure as Plot
+
+from experiments.figures import svg_text
+
+
+@dataclass(frozen=True)
+class Text:
+    """Paragraphs."""
+
+    kind: ClassVar[str] = "text"
+    paragraphs: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Bullets:
+    """A list."""
+
+    kind: ClassVar[str] = "bullets"
+    items: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A drawing and what it shows."""
+
+    svg: Markup
+    caption: str
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Drawings side by side where the page is wide enough, else one below the other, with one caption."""
+
+    kind: ClassVar[str] = "figures"
+    figures: tuple[Figure, ...]
+    caption: str = ""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A camera picture with its heading, caption lines and, where it was judged, whether all is well."""
+
+    svg: Markup
+    heading: str
+    lines: tuple[str, ...]
+    passed: bool | None = None
+
+
+@dataclass(frozen=True)
+class Strip:
+    """Columns of pictures that scroll sideways."""
+
+    kind: ClassVar[str] = "strip"
+    label: str
+    columns: tuple[tuple[str, tuple[Picture, ...]], ...]
+    legend: Markup
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A table cell: text, what to sort by, whether it passes (a mark and a colour) or is not judged, and a style.
+
+    `style` is a class of the template: 'left' (aligned so) or 'flagged' (highlighted).
+    """
+
+    text: str
+    order: float | str | None = None
+    passed: bool | None = None
+    style: str = ""
+
+
+@dataclass(frozen=True)
+class Download:
+    """A file that the page can save."""
+
+    kind: ClassVar[str] = "download"
+    label: str
+    filename: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows under headings; `groups` spans the headings as (text, columns). Sorted by a click on a heading where `sortable`."""
+
+    kind: ClassVar[str] = "table"
+    headings: tuple[str, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    caption: str = ""
+    groups: tuple[tuple[str, int], ...] = ()
+    sortable: bool = False
+    compact: bool = False
+
+
+@dataclass(frozen=True)
+class Code:
+    """Text to copy, as it is."""
+
+    kind: ClassVar[str] = "code"
+    text: str
+
+
+@dataclass(frozen=True)
+class Details:
+    """Blocks that a click unfolds; unfolded on paper where `printed`."""
+
+    kind: ClassVar[str] = "details"
+    summary: str
+    blocks: tuple[Block, ...]
+    printed: bool = False
+
+
+Block = Text | Bullets | Figures | Strip | Download | Table | Code | Details
+
+
+@dataclass(frozen=True)
+class Section:
+    """A heading, the anchor it is reached by, and blocks; `wordy` where its tables hold sentences, not numbers."""
+
+    anchor: str
+    title: str
+    blocks: tuple[Block, ...]
+    wordy: bool = False
+
+
+@dataclass(frozen=True)
+class Card:
+    """One part of the verdict: a few large words, lines below them, and further remarks with a heading of their own."""
+
+    title: str
+    large: str
+    note: str
+    lines: tuple[str, ...]
+    passed: bool
+    remarks_title: str = ""
+    remarks: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Report:
+    """A page: title, one-sentence verdict, cards, advice, sections and a footer."""
+
+    title: str
+    study: str
+    headline: str
+    passed: bool
+    cards: tuple[Card, ...]
+    advice: tuple[str, ...]
+    sections: tuple[Section, ...]
+    footer: str
+
+
+def render(report: Report) -> str:
+    """The page as one HTML text that loads nothing from elsewhere; the same for the same report."""
+    environment = jinja2.Environment(
+        autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
+    )
+    source = (files("experiments") / "templates" / "report.html").read_text(encoding="utf-8")
+    return environment.from_string(source).render(report=report)
+
+
+def figure(plot: Plot, key: str, caption: str) -> Figure:
+    """A matplotlib figure to stand in a page: scalable, named for screen readers, its ids unlike any other's.
+
+    Args:
+        plot: drawn figure.
+        key: letters, digits and hyphens, unique in the page.
+        caption: what it shows.
+    """
+    text = svg_text(plot)
+    text = re.sub(r'\bid="([^"]+)"', rf'id="{key}-\1"', text)
+    text = re.sub(r'(href="#|url\(#)', rf"\g<1>{key}-", text)
+    text = text.replace("*{", f"#{key} *{{")  # matplotlib's style sheet would else hold for the whole page
+    text = re.sub(r"<metadata>.*?</metadata>\s*", "", text, flags=re.S)
+    head, body = text.split(">", 1)
+    head = re.sub(r'\s(?:width|height)="[^"]*"', "", head)
+    label = Markup.escape(caption)
+    return Figure(Markup(f'{head} id="{key}" role="img" aria-label="{label}">{body}'), caption)
+
+
+def csv_text(columns: Mapping[str, Iterable[object]]) -> str:
+    """Columns of equal length as CSV with a heading row."""
+    buffer = io.StringIO()
+    writer = csv.writer(buffer, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(zip(*columns.values(), strict=True))
+    return buffer.getvalue()
+
+
+def toml_text(data: Mapping[str, object]) -> str:
+    """Nested plain data as TOML: keys of the top level first, then a table for each mapping; None is left out."""
+    lines = [
+        f"{key} = {_toml_value(value)}"
+        for key, value in data.items()
+        if not isinstance(value, Mapping) and value is not None
+    ]
+    for key, value in data.items():
+        if isinstance(value, Mapping):
+            lines += ["", f"[{key}]", toml_text(value).rstrip("\n")]
+    return "\n".join(lines) + "\n"
+
+
+def _toml_value(value: object) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, (int, float)):
+        return repr(value)
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return f"[{', '.join(_toml_value(v) for v in value)}]"
+    escaped = "".join(_escape(c) for c in str(value))
+    return f'"{escaped}"'
+
+
+def _escape(character: str) -> str:
+    """TOML's escapes of a basic string."""
+    if character in '"\\':
+        return f"\\{character}"
+    return character if character >= " " and character != "\x7f" else f"\\u{ord(character):04x}"
