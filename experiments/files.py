@@ -35,6 +35,18 @@ def write_text(text: str, path: Path | str) -> None:
         temporary.write_text(text, encoding="utf-8")
 
 
+def _decode(data: bytes) -> NDArray[Any] | None:
+    """Greyscale image of a file's bytes, None where OpenCV cannot read it; its own chatter on standard error is silenced."""
+    level = cv2.utils.logging.getLogLevel()
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    try:
+        return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_GRAYSCALE)
+    except cv2.error:
+        return None
+    finally:
+        cv2.utils.logging.setLogLevel(level)
+
+
 def read_image(path: Path | str) -> NDArray[Any]:
     """A greyscale image as it is stored, 8 or 16 bits, or the first channel of an EXR; colour becomes luminance.
 
@@ -50,7 +62,7 @@ def read_image(path: Path | str) -> NDArray[Any]:
 
         image: NDArray[Any] | None = next(iter(read_channels(path)[0].values()), None)
     else:
-        image = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_GRAYSCALE)
+        image = _decode(path.read_bytes())
     if image is None or image.ndim != 2:
         raise ValueError(f"{path}: not an image that can be read; expected PNG, TIFF, PGM, JPEG or EXR")
     if not np.all(np.isfinite(image)):

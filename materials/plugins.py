@@ -42,14 +42,15 @@ def bsdf_dict(material: Material) -> dict[str, Any]:
     if material.lobes.retro is None and material.lobes.gloss_alpha is None:
         return {"type": "diffuse", "reflectance": texture(material.diffuse)}
     if material.lobes.retro is None and mi.variant().startswith("scalar"):
-        total = float(material.diffuse(850.0) + material.gloss(850.0))
+        diffuse, gloss = float(material.diffuse(850.0)), float(material.gloss(850.0))
+        weight = min(max(gloss / max(diffuse + gloss, 1e-6), 0.02), 0.98)  # neither lobe is ever divided by nothing
         return {
             "type": "blendbsdf",
-            "weight": float(material.gloss(850.0)) / total,
-            "first": {"type": "diffuse", "reflectance": {"type": "uniform", "value": total}},
+            "weight": weight,
+            "first": {"type": "diffuse", "reflectance": texture(material.diffuse * (1 / (1 - weight)))},
             "second": {
                 "type": "roughconductor", "material": "none", "distribution": "ggx", "alpha": material.lobes.gloss_alpha,
-                "specular_reflectance": {"type": "uniform", "value": total},
+                "specular_reflectance": texture(material.gloss * (1 / weight)),
             },
         }  # fmt: skip
     return {"type": "mantis_material", "material": material.name}
@@ -159,9 +160,9 @@ class _ChordSampler:
             anchor = high if k == 0 else low
             height = heights[0] if k == 0 else heights[k - 1]
             power = float(exponent) + 1.0
+            if abs(power) < 1e-3:  # at a slope of −2 the integral is a logarithm; samples need only be near the lobe
+                power = 1e-3
             area = height * anchor * ((high / anchor) ** power - (low / anchor) ** power) / power
-            if abs(power) < 1e-6:
-                raise ValueError("retro table: a slope of exactly −2 between two observation angles cannot be sampled")
             self.segments.append((low, high, anchor, height, power, before, area))
             before += area
         self.total = before
