@@ -21,6 +21,11 @@ from scenes.marker import Element, MarkerDesign
 from scipy.special import ndtr
 
 MAX_PIXELS = 500
+#: Gauss–Newton steps from the nearest of the starting positions, three quarters of a slit pitch apart.
+STEPS = 3
+#: What the slit model leaves in a blob without any noise, standard deviation [px]: measured on noiseless synthetic
+#: frames, 0.004–0.010 px with the light at the lens, 0.01–0.03 px with it on a ring of 40 mm radius.
+MODEL_SIGMA_PX = 0.01
 #: A blob is found where it lowers chi-square by this much: five standard deviations.
 DETECTION_CHI2 = 25.0
 #: Largest part of the blob's light that may be lost at the element's end.
@@ -60,16 +65,14 @@ class Slits:
 
     def seen_up_to(self, u: FloatArray, blob: FloatArray) -> FloatArray:
         """Length of floor seen below each u (n,) for each blob coordinate (k,), (k, n) [m]."""
-        index = np.clip(((u - self.start) / self.pitch).astype(int), 0, self.count - 1)
-        low, high = self._interval(index[None, :], blob[:, None])
-        each_low, each_high = self._interval(np.arange(self.count)[None, :], blob[:, None])
-        before = np.pad(np.cumsum(np.maximum(each_high - each_low, 0), axis=1), ((0, 0), (1, 0)))
-        return np.take_along_axis(before, np.broadcast_to(index, low.shape), 1) + np.clip(u - low, 0, np.maximum(high - low, 0))
-
-    def _interval(self, index: np.ndarray, blob: FloatArray) -> tuple[FloatArray, FloatArray]:
-        low = self.start + index * self.pitch + self.half_slat
+        low = self.start + self.half_slat + self.pitch * np.arange(self.count)
         high = low + self.pitch - 2 * self.half_slat
-        return low + np.maximum((blob - low) * self.follow, 0), high + np.minimum((blob - high) * self.follow, 0)
+        away = blob[:, None]
+        seen_low = low + np.maximum((away - low) * self.follow, 0)
+        length = np.maximum(high + np.minimum((away - high) * self.follow, 0) - seen_low, 0)
+        before = np.cumsum(length, axis=1) - length
+        slit = np.clip(((u - self.start) / self.pitch).astype(int), 0, self.count - 1)
+        return before[:, slit] + np.minimum(np.maximum(u - seen_low[:, slit], 0), length[:, slit])
 
     def cut_fraction(self, blob: float) -> float:
         """Part of the blob's triangle that lies beyond the ends of the element."""
@@ -81,7 +84,7 @@ class _ElementImage:
     """Pixels of one element and the cost of a blob at given positions, everything else fitted."""
 
     def __init__(
-        self, image: np.ndarray, fit: PatternFit, marker: MarkerDesign, element: Element, camera_m: FloatArray,
+        self, image: np.ndarray, fit: PatternFit, marker: MarkerDesign, element: Element, range_m: float,
         sigma_px: float, noise: NoiseModel,
     ):  # fmt: skip
         half = marker.aruco_m / 2
@@ -95,52 +98,102 @@ class _ElementImage:
             (project(moved, SQUARE) > -0.5).all() and (project(moved, SQUARE) < np.array(image.shape[::-1]) - 0.5).all()
         )
         self.count = len(pixels)
+        self.gain = 0.0  # chi-square the rough position gains, where most of the blob is in the opening
         if not self.whole or self.count < 8:
             return
-        self.slits = Slits(marker, element, camera_m)
-        self.length_m = element.length_m
+        self.marker, self.element, self.fit = marker, element, fit
         seen = PixelSet(pixels, fit.matrix, sigma_px)
         axis = int(np.abs(along[1]) > 0.5)
         sigma_u, sigma_v = (seen.sigma_x, seen.sigma_y) if axis == 0 else (seen.sigma_y, seen.sigma_x)
         self.u = seen.plane[:, axis] * half
-        v = seen.plane[:, 1 - axis] * half
+        self.v = v = seen.plane[:, 1 - axis] * half
         self.sigma_u = float(np.median(sigma_u)) * half
-        sigma_v = sigma_v * half
+        self.sigma_v = sigma_v = sigma_v * half
         outwards = np.sign(centre @ across)
-        middle = float(centre @ across)
-        low, high = (middle + edge for edge in self.slits.across)
-        self.across = ndtr((v - low) / sigma_v) - ndtr((v - high) / sigma_v)
+        self.look_from(np.array([0.0, 0.0, range_m]))
         data = gather(image, pixels)
         self.saturated = data >= noise.saturated_above_dn
         self.noise = noise
         ring = half * (1 + 2 * marker.ring_fraction)
         self.data = data - fit.white_dn * ndtr((ring - outwards * v) / sigma_v)
         self.ceiling = noise.saturated_above_dn - (data - self.data)
-        self.weight = np.where(self.saturated, 0.0, 1 / noise.variance(np.full(self.count, fit.black_dn)))
         foil = ndtr((outwards * v - marker.size_m / 2) / sigma_v)
+        edge = along * self.u.clip(-element.length_m / 2, element.length_m / 2)[:, None] + across * outwards * 1.03 * marker.size_m / 2
+        self.glare = (foil * _scatter(image, project(fit.matrix, edge / half))) ** 2
+        self.weigh(np.full(self.count, fit.black_dn))
         columns = [np.ones(self.count)]
         if foil.max() > 1e-3:
             columns += [foil / foil.max(), foil / foil.max() * self.u / (element.length_m / 2)]
         self.nuisance = np.array(columns)
-        self.direction_px = moved, axis
+
+    def look_from(self, camera_m: FloatArray) -> None:
+        """Set where the camera stands in the marker frame."""
+        self.slits = Slits(self.marker, self.element, camera_m)
+        middle = float(self.element.centre_m @ self.element.across)
+        low, high = (middle + edge for edge in self.slits.across)
+        self.across = ndtr((self.v - low) / self.sigma_v) - ndtr((self.v - high) / self.sigma_v)
+
+    def rough_position(self) -> float | str:
+        """Best of positions three quarters of a pitch apart, and the weights that go with it."""
+        if not self.whole:
+            return "outside the image"
+        if self.count < 8:
+            return "too small"
+        if np.count_nonzero(self.weight) < 8:
+            return "saturated"
+        reach = self.element.length_m / 2 + 0.6 * self.slits.half_width
+        start = np.arange(-reach, reach, 0.75 * self.slits.pitch)
+        cost, model = self.solve(start)
+        best = int(cost.argmin())
+        if not np.isfinite(cost[best]):
+            return "no light"
+        self.weigh(np.minimum(model[best], self.ceiling))
+        if self.slits.cut_fraction(float(start[best])) < 0.5:
+            self.gain = self.blank_cost() - float(cost[best])
+        return float(start[best])
+
+    def measure(self, u: float) -> Blob | str:
+        """The blob near a rough position, or why it is none."""
+        delta, pitch = 0.05 * self.slits.pitch, self.slits.pitch
+        for _ in range(STEPS):
+            u += float(np.clip(self.linearise(u, delta).step_m, -0.5 * pitch, 0.5 * pitch))
+        found = self.linearise(u, delta)
+        gain = self.blank_cost() - found.cost
+        if found.brightness_dn <= 0 or not gain > DETECTION_CHI2:
+            return "no light"
+        unexplained = max(found.cost - found.count, 0.0) / gain
+        if unexplained > MAX_UNEXPLAINED:
+            return "light is no blob"
+        if self.slits.cut_fraction(u) > MAX_CUT_FRACTION:
+            return "cut off at the element's end"
+        variance = found.variance_m2 * max(1.0, found.cost / max(found.count - 2 - len(self.nuisance), 1))
+        element, half = self.element, self.marker.aruco_m / 2
+        ends = (element.centre_m + (u + np.array([[0.0], [delta]])) * element.along)[:, :2] / half
+        position, beside = project(self.fit.matrix, ends)
+        sigma = np.hypot(np.sqrt(variance) * np.linalg.norm(beside - position) / delta, MODEL_SIGMA_PX)
+        return Blob(u, position, float(sigma), unexplained)
+
+    def weigh(self, mean_dn: FloatArray) -> None:
+        """Weights for pixels of given means: noise, and the foil's unevenness as far as it spills in."""
+        self.weight = np.where(self.saturated, 0.0, 1 / (self.noise.variance(mean_dn) + self.glare))
 
     def profiles(self, blob: FloatArray) -> FloatArray:
         """Blurred light of blobs at `blob` (k,) in every pixel, (k, n); 1 is fully lit floor."""
-        step = self.sigma_u / 3
+        step = self.sigma_u / 2
         reach = int(np.ceil(4 * self.sigma_u / step))
-        count = int(np.ceil(self.length_m / step)) + 2 * reach + 4
+        count = int(np.ceil(self.element.length_m / step)) + 2 * reach + 4
         edges = (np.arange(count + 1) - count / 2) * step
         lit = np.diff(self.slits.seen_up_to(edges, blob), axis=1) / step
-        # The cells average over `step`; what is left of the blur is a slightly narrower Gaussian.
-        kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) * step) ** 2 / (self.sigma_u**2 - step**2 / 6))
+        # Cells and the interpolation between them blur by step²/12 and step²/6; the Gaussian does the rest.
+        kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) * step) ** 2 / (self.sigma_u**2 - step**2 / 4))
         lit = cv2.filter2D(lit, cv2.CV_64F, (kernel / kernel.sum())[None], borderType=cv2.BORDER_CONSTANT)
         at = np.clip((self.u - edges[0]) / step - 0.5, 0, count - 1.001)
         index = at.astype(int)
         part = at - index
         return (lit[:, index] * (1 - part) + lit[:, index + 1] * part) * self.across
 
-    def solve(self, blob: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Cost (k,), brightness (k,) and model (k, n) of blobs at given positions, linear parameters at their optimum."""
+    def solve(self, blob: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Cost (k,) and model (k, n) of blobs at given positions, levels at their optimum."""
         profile = self.profiles(blob)
         columns = np.concatenate([profile[:, None], np.broadcast_to(self.nuisance, (len(blob), *self.nuisance.shape))], axis=1)
         weighted = columns * self.weight
@@ -156,7 +209,7 @@ class _ElementImage:
         if self.saturated.any():
             short = np.maximum(self.ceiling - model, 0)[:, self.saturated]
             cost = cost + (short**2).sum(1) * float(self.weight.max())
-        return np.where(dark, np.inf, cost), level[:, 0], model
+        return np.where(dark, np.inf, cost), model
 
     def blank_cost(self) -> float:
         """Cost without any blob."""
@@ -165,6 +218,95 @@ class _ElementImage:
         residual = self.data - level @ self.nuisance
         missed = np.maximum(self.ceiling - level @ self.nuisance, 0)[self.saturated]
         return float(residual**2 @ self.weight + (missed**2).sum() * self.weight.max())
+
+    def linearise(self, blob: float, delta: float) -> _Linear:
+        """Gauss–Newton step and information at one position."""
+        below, at, above = self.profiles(np.array([blob - delta, blob, blob + delta]))
+        columns = np.vstack([at, self.nuisance])
+        level = _least_squares(columns, self.weight, self.data)[0]
+        model = level @ columns
+        residual = self.data - model
+        # A saturated pixel pulls only where the model falls short of saturation.
+        short = self.ceiling - model
+        residual[self.saturated] = np.maximum(short[self.saturated], 0)
+        weight = np.where(self.saturated & (short > 0), self.weight.max(), self.weight)
+        columns = np.vstack([level[0] * (above - below) / (2 * delta), columns])
+        step, variance = _least_squares(columns, weight, residual)
+        count = int(np.count_nonzero(weight))
+        return _Linear(float(step[0]), float(variance[0]), float(level[0]), float(residual**2 @ weight), count)
+
+
+@dataclass(frozen=True)
+class _Linear:
+    step_m: float
+    variance_m2: float
+    brightness_dn: float
+    cost: float
+    count: int
+
+
+def _scatter(image: np.ndarray, points_px: FloatArray) -> float:
+    """Standard deviation of the pixel values nearest to points (n, 2)."""
+    at = np.clip(np.rint(points_px), 0, np.array(image.shape[::-1]) - 1)
+    return float(gather(image, at).std())
+
+
+def _least_squares(columns: FloatArray, weight: FloatArray, data: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Weighted least squares on columns (c, n): coefficients (c,) and their variances (c,)."""
+    scale = np.sqrt(columns**2 @ weight) + 1e-140
+    columns = columns / scale[:, None]
+    inverse = np.linalg.inv((columns * weight) @ columns.T + 1e-9 * np.eye(len(columns)))
+    return inverse @ (columns @ (weight * data)) / scale, np.diag(inverse) / scale**2
+
+
+def find_blobs(
+    image: np.ndarray, fit: PatternFit, marker: MarkerDesign, camera: Camera, sigma_px: float, noise: NoiseModel
+) -> dict[str, Blob | str]:
+    """The blob of each element by name, or in a few words why there is none."""
+    by_homography = camera_in_marker_m(fit.matrix, marker, camera)
+    range_m = float(np.linalg.norm(by_homography))
+    shown = {e.name: _ElementImage(image, fit, marker, e, range_m, sigma_px, noise) for e in marker.elements}
+    roughly = {name: element.rough_position() for name, element in shown.items()}
+    # The homography of a small marker knows the attitude badly; the blobs themselves tell where the camera stands.
+    camera_m = _camera_from_blobs(marker, shown, roughly, by_homography)
+    found: dict[str, Blob | str] = {}
+    for element in marker.elements:
+        start = roughly[element.name]
+        if not isinstance(start, str):
+            shown[element.name].look_from(camera_m)
+            start = shown[element.name].measure(start)
+        found[element.name] = start
+    return found
+
+
+def _camera_from_blobs(
+    marker: MarkerDesign, shown: dict[str, _ElementImage], roughly: dict[str, float | str], otherwise: FloatArray
+) -> FloatArray:
+    """Camera in the marker frame (3,) [m], its direction from the clearest blob along each axis."""
+    range_m = float(np.linalg.norm(otherwise))
+    slope = otherwise[:2] / otherwise[2]
+    for axis, pair in enumerate((("top", "bottom"), ("left", "right"))):
+        clearest = 0.0
+        for element in marker.elements:
+            u = roughly[element.name]
+            if element.name in pair and not isinstance(u, str) and shown[element.name].gain > clearest:
+                clearest = shown[element.name].gain
+                slope[axis] = (u - element.virtual_offset_m) / element.virtual_depth_m
+    return np.append(slope, 1.0) * range_m / np.sqrt(1 + slope @ slope)
+
+
+def _scatter(image: np.ndarray, points_px: FloatArray) -> float:
+    """Standard deviation of the pixel values nearest to points (n, 2)."""
+    at = np.clip(np.rint(points_px), 0, np.array(image.shape[::-1]) - 1)
+    return float(gather(image, at).std())
+
+
+def _least_squares(columns: FloatArray, weight: FloatArray, data: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Weighted least squares on columns (c, n): coefficients (c,) and their variances (c,)."""
+    scale = np.sqrt(columns**2 @ weight) + 1e-140
+    columns = columns / scale[:, None]
+    inverse = np.linalg.inv((columns * weight) @ columns.T + 1e-9 * np.eye(len(columns)))
+    return inverse @ (columns @ (weight * data)) / scale, np.diag(inverse) / scale**2
 
 
 def find_blob(
@@ -175,54 +317,36 @@ def find_blob(
     shown = _ElementImage(image, fit, marker, element, camera_m, sigma_px, noise)
     if not shown.whole:
         return "outside the image"
-    if shown.count < 8 or np.count_nonzero(shown.weight) < 8:
-        return "saturated" if shown.count >= 8 else "too small"
+    if shown.count < 8:
+        return "too small"
+    if np.count_nonzero(shown.weight) < 8:
+        return "saturated"
     slits = shown.slits
     reach = element.length_m / 2 + 0.6 * slits.half_width
     start = np.arange(-reach, reach, 0.75 * slits.pitch)
-    cost, _, model = shown.solve(start)
+    cost, model = shown.solve(start)
     best = int(cost.argmin())
     if not np.isfinite(cost[best]):
         return "no light"
+    shown.weigh(np.minimum(model[best], shown.ceiling))
     u = float(start[best])
-    shown.weight = np.where(shown.saturated, 0.0, 1 / noise.variance(np.minimum(model[best], shown.ceiling)))
-    u = _refine(shown, u, 0.5 * slits.pitch)
-    small = 0.05 * slits.pitch
-    (_, level, model) = shown.solve(np.array([u]))
-    cost = residual_cost = float(shown.solve(np.array([u]))[0][0])
-    blank = shown.blank_cost()
-    if not blank - cost > DETECTION_CHI2:
+    delta = 0.05 * slits.pitch
+    for _ in range(STEPS):
+        u += float(np.clip(shown.linearise(u, delta).step_m, -0.5 * slits.pitch, 0.5 * slits.pitch))
+    found = shown.linearise(u, delta)
+    gain = shown.blank_cost() - found.cost
+    if found.brightness_dn <= 0 or not gain > DETECTION_CHI2:
         return "no light"
-    free = ~shown.saturated
-    left = residual_cost - np.count_nonzero(free)
-    unexplained = max(left, 0.0) / (blank - cost)
+    unexplained = max(found.cost - found.count, 0.0) / gain
     if unexplained > MAX_UNEXPLAINED:
         return "light is no blob"
     if slits.cut_fraction(u) > MAX_CUT_FRACTION:
         return "cut off at the element's end"
-    profile = shown.profiles(np.array([u - small, u, u + small]))
-    columns = np.vstack([level[0] * (profile[2] - profile[0]) / (2 * small), profile[1], shown.nuisance])
-    scale = np.sqrt((columns**2) @ shown.weight) + 1e-300
-    columns /= scale[:, None]
-    information = (columns * shown.weight) @ columns.T + 1e-9 * np.eye(len(columns))
-    variance = np.linalg.inv(information)[0, 0] / scale[0] ** 2 * max(1.0, residual_cost / max(np.count_nonzero(free) - len(columns), 1))
-    half = marker.aruco_m / 2
-    ends = (element.centre_m + (u + np.array([[0.0], [small]])) * element.along)[:, :2] / half
+    variance = found.variance_m2 * max(1.0, found.cost / max(found.count - 2 - len(shown.nuisance), 1))
+    ends = (element.centre_m + (u + np.array([[0.0], [delta]])) * element.along)[:, :2] / (marker.aruco_m / 2)
     position, beside = project(fit.matrix, ends)
-    return Blob(u, position, float(np.sqrt(variance) * np.linalg.norm(beside - position) / small), unexplained)
-
-
-def _refine(shown: _ElementImage, u: float, step: float) -> float:
-    """Minimum of the cost near u: parabolas through three points, ever narrower."""
-    for _ in range(4):
-        cost, _, _ = shown.solve(u + step * np.array([-1.0, 0.0, 1.0]))
-        curvature = cost[0] - 2 * cost[1] + cost[2]
-        if not np.isfinite(cost).all():
-            return u
-        move = 0.5 * (cost[0] - cost[2]) / curvature if curvature > 0 else np.sign(cost[0] - cost[2])
-        u += step * float(np.clip(move, -1, 1))
-        step *= max(0.3, min(1.0, abs(float(move))))
-    return u
+    sigma = np.hypot(np.sqrt(variance) * np.linalg.norm(beside - position) / delta, MODEL_SIGMA_PX)
+    return Blob(u, position, float(sigma), unexplained)
 
 
 def camera_in_marker_m(matrix: FloatArray, marker: MarkerDesign, camera: Camera) -> FloatArray:

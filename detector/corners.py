@@ -18,10 +18,13 @@ from radiometry.geometry import FloatArray
 #: Most pixels a fit uses; beyond, a large marker's edges are resolved far better than its optics are known.
 MAX_PIXELS = 1200
 MAX_ITERATIONS = 12
+#: What the model of the blur leaves in a corner without any noise, standard deviation [px]: measured on noiseless
+#: synthetic frames, 0.001 px at 120 px a side to 0.007 px at 12 px.
+MODEL_SIGMA_PX = 0.004
 #: A step below this ends the fit [px]; it is far below any corner's standard deviation.
 CONVERGED_PX = 2e-3
 #: Kernel deviations kept clear of the encoding elements, whose blobs the pattern model does not know.
-CLEARANCE_SIGMA = 2.0
+CLEARANCE_SIGMA = 2.5
 
 
 @dataclass(frozen=True)
@@ -142,6 +145,7 @@ class _State:
         jacobian, corners = corner_jacobian(self.matrix)
         jacobian = jacobian.reshape(8, 8)
         covariance = jacobian @ covariance[:8, :8] @ jacobian.T * max(1.0, reduced)
+        covariance += MODEL_SIGMA_PX**2 * np.eye(8)
         if not (np.isfinite(covariance).all() and (np.diag(covariance) > 0).all()):
             return None
         shift = np.eye(3)
@@ -196,6 +200,6 @@ def _evaluate(
     weighted = jacobian * weight[:, None]
     total = float(weight @ residual**2)
     cost = total + float(np.log(variance[~saturated]).sum())
-    explained = float(weight @ (model - (weight @ model) / weight.sum()) ** 2)
+    explained = float(weight @ (model - (weight @ model) / max(weight.sum(), 1e-300)) ** 2)
     unexplained = max(total - np.count_nonzero(active), 0.0) / explained if explained > 0 else np.inf
     return _State(matrix, white, black, cost, total, weighted.T @ jacobian, weighted.T @ residual, unexplained, float(np.sqrt(explained)))

@@ -15,7 +15,7 @@ import numpy as np
 
 from detector.corners import gather
 from detector.noise import NoiseModel
-from detector.pattern import Pattern, PixelSet, homography, pixels_within
+from detector.pattern import SQUARE, Pattern, PixelSet, homography, pixels_within
 from radiometry.geometry import FloatArray
 from scenes.marker import MarkerDesign, aruco_dictionary
 
@@ -88,18 +88,14 @@ def decoder_of(marker: MarkerDesign) -> Decoder:
 
 
 def has_ring(image: np.ndarray, corners_px: FloatArray, pattern: Pattern, noise_dn: float) -> bool:
-    """Cheap first test of a quadrilateral: a reflective ring outside a darker border on all four sides."""
-    ring, border = 1 + pattern.marker.ring_fraction, 1 - 1 / len(pattern.marker.bits)
-    along = np.linspace(-0.85, 0.85, 8)
-    sides = [np.stack(np.broadcast_arrays(*xy), -1) for r in (ring, border) for xy in ((along, r), (r, along), (along, -r), (-r, along))]
-    matrix = cv2.getPerspectiveTransform(_SQUARE32, corners_px.astype(np.float32))
-    points = np.array(sides).reshape(-1, 2) @ matrix[:, :2].T + matrix[:, 2]
+    """Cheap first test of a quadrilateral: all four sides of a reflective ring outshine all four of the border inside.
+
+    `noise_dn`: of a single pixel; the weakest and the strongest mean of eight pixels may cross by that much.
+    """
+    matrix = cv2.getPerspectiveTransform(SQUARE.astype(np.float32), corners_px.astype(np.float32))
+    points = pattern.probes @ matrix[:, :2].T + matrix[:, 2]
     at = np.rint(points[:, :2] / points[:, 2:])
-    if not np.isfinite(at).all() or (at < 0).any() or (at >= image.shape[::-1]).any():
+    if not ((at >= 0) & (at < image.shape[::-1])).all():
         return False
-    values = gather(image, at).reshape(2, 4, -1)
-    bright, dark = values.mean(2)
-    return bool((bright > dark).all() and bright.mean() > dark.mean() + noise_dn)
-
-
-_SQUARE32 = np.array([[-1, 1], [1, 1], [1, -1], [-1, -1]], np.float32)
+    bright, dark = gather(image, at).reshape(2, 4, -1).mean(2)
+    return bool((bright > dark).all() and bright.mean() > dark.mean() + noise_dn and bright.min() > dark.max() - noise_dn)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from detector.blobs import Blob, find_blob
+from detector.blobs import Blob, find_blobs
 from detector.candidates import search
 from detector.corners import PatternFit, fit_pattern
 from detector.decode import decoder_of, has_ring
@@ -17,12 +17,15 @@ from radiometry.geometry import FloatArray
 from radiometry.optics import Camera
 from scenes.marker import ELEMENT_NAMES, MarkerDesign
 
-#: A quadrilateral is worth a fit from this correlation with the marker's pattern on.
-MIN_CORRELATION = 0.45
-#: Accepted when the pattern leaves at most this part of the light's variance unexplained by noise ...
+#: A quadrilateral is worth a fit from this correlation with the marker's own pattern on, where no other identity's is
+#: better by more than the slack. Here and below: chosen between what markers and marker-free frames show.
+MIN_CORRELATION, SLACK = 0.45, 0.02
+#: Accepted when the pattern leaves at most this part of the light's variance unexplained by noise,
 MAX_UNEXPLAINED = 0.15
-#: ... and white stands out over black by this many standard deviations of the mean over all pixels.
+#: when it stands out of the noise by this many standard deviations, all pixels together,
 MIN_SIGNIFICANCE = 12.0
+#: and when no other identity's or turn's correlation comes as near as this.
+MIN_LEAD = 0.02
 
 
 @dataclass(frozen=True)
@@ -66,7 +69,7 @@ def detect_features(image: ArrayLike, marker: MarkerDesign, camera: Camera, nois
     if found is None:
         seen = f"only identity {other} seen" if other is not None else "no marker found"
         return Features(other, None, None, dict.fromkeys(ELEMENT_NAMES), {}, {}, seen)
-    blobs = {e.name: find_blob(frame, found, marker, e, camera, sigma_px, noise) for e in marker.elements}
+    blobs = find_blobs(frame, found, marker, camera, sigma_px, noise)
     good = {name: blob for name, blob in blobs.items() if isinstance(blob, Blob)}
     missing = [f"{name} blob: {why}" for name, why in blobs.items() if isinstance(why, str)]
     half = marker.aruco_m / 2
@@ -113,14 +116,14 @@ def _find_pattern(
         if decoded is None:
             continue
         first, own = decoded
-        if own.correlation < MIN_CORRELATION:
+        if first.identity != marker.identity and first.correlation > 0.9:
+            other = first.identity
+        if own.correlation < max(MIN_CORRELATION, first.correlation - SLACK):
             continue
         fit = fit_pattern(frame, decoder.pattern, np.roll(quad, -own.turn, axis=0), sigma_px, noise, blur_px)
         if fit is None or fit.unexplained > MAX_UNEXPLAINED or fit.significance < MIN_SIGNIFICANCE:
-            if first.identity != marker.identity and first.correlation > 0.9:
-                other = first.identity
             continue
         checked = decoder.decode(frame, fit.corners_px, sigma_px, noise)
-        if checked is not None and checked[0].identity == marker.identity and checked[0].turn == 0:
+        if checked is not None and checked[1].turn == 0 and checked[1].correlation > checked[1].rival + MIN_LEAD:
             return fit, None
     return None, other

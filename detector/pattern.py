@@ -86,6 +86,16 @@ class Pattern:
         """Cells (n, n), first index along x, second along y (both ascending), ring included."""
         return self.with_bits(self.marker.bits)
 
+    @cached_property
+    def probes(self) -> FloatArray:
+        """Plane points (64, 2): eight on each side along the middle of the ring, then as many along the border's middle."""
+        along = np.linspace(-0.85, 0.85, 8)
+        middles = 1 + self.marker.ring_fraction, 1 - 1 / len(self.marker.bits)
+        ones = np.ones(8)
+        top = [np.stack([along, middle * ones], -1) for middle in middles]
+        turn = np.array([[0.0, -1.0], [1.0, 0.0]])
+        return np.concatenate([side @ np.linalg.matrix_power(turn, k) for side in top for k in range(4)])
+
     @staticmethod
     def with_bits(bits: NDArray[np.bool_]) -> FloatArray:
         """Cells of any printed pattern: its bits inside a reflective ring."""

@@ -184,7 +184,7 @@ iterative = opencv_solver(cv2.SOLVEPNP_ITERATIVE, fewest_points=6)
 
 
 def two_start(points_m: FloatArray, pixels: FloatArray, visible: BoolArray, camera: Camera) -> Poses:
-    """The project's solver: SQPnP refined, its mirror pose refined, and of these the smaller reprojection error before the camera.
+    """SQPnP refined, its mirror pose refined, and of these the smaller reprojection error before the camera.
 
     Any points from four on, coplanar or not. POSIT starts where SQPnP refuses: OpenCV's asks for a variance of the image points
     that a 10 cm marker no longer has at 20 m, and there scaled orthography is all but exact.

@@ -20,6 +20,7 @@ from detector.noise import NoiseModel
 from detector.pose import Pose, solve_pose
 from detector.sensor import Frame, Sensor, expose
 from experiments.scenario import Scenario
+from experiments.visible_tape import visible_tape
 from materials import library
 from radiometry import link
 from radiometry.geometry import FloatArray, rotation_angle
@@ -55,11 +56,18 @@ def geometry_digest(scenario: Scenario) -> str:
 
 
 def check_geometry(scenario: Scenario, basis: TransportBasis, name: object) -> None:
-    """Refuse a transport basis that this project rendered from another geometry.
+    """Refuse a transport basis that this project rendered from another geometry, or whose wavelengths miss the passband.
 
     Raises:
-        ValueError: naming both ranges. A basis without our attributes, from another renderer, is taken as it is.
+        ValueError: naming both ranges, or both bands. Of a basis without our attributes, from another renderer, only the
+            wavelengths can be checked: four at least, and none further from the end of the passband than from the next.
     """
+    low, high = scenario.filter.spectrum().support_nm
+    nodes, reach = basis.nodes_nm, max(np.diff(basis.nodes_nm), default=0)
+    if len(nodes) < 4 or nodes[0] - reach > low or nodes[-1] + reach < high:
+        raise ValueError(
+            f"{name}: layers at {', '.join(map(str, nodes))} nm; expected four or more that span the passband {low:g}-{high:g} nm"
+        )
     known = basis.attributes.get("geometry_hash")
     if known is not None and known != geometry_digest(scenario):
         raise ValueError(
@@ -103,10 +111,9 @@ def electron_rate(scenario: Scenario, basis: TransportBasis, light: str) -> Floa
     """
     camera, strength = scenario.camera, strengths(scenario)
     shape = (camera.height_px, camera.width_px)
-    # The filter's angle shift makes the weights a smooth function of sin²θ: a cubic through four field angles.
     falloff = camera.relative_illumination()
     sine2 = 1 - np.sqrt(falloff)
-    nodes = np.linspace(0.0, float(sine2.max()), 4) if scenario.filter.effective_index > 0 else np.zeros(1)
+    table = _incidence_table(scenario, float(sine2.max()))
     rate = np.zeros(shape)
     for source in LIGHTS_ON[light]:
         images = basis.layers[source]
@@ -114,16 +121,27 @@ def electron_rate(scenario: Scenario, basis: TransportBasis, light: str) -> Floa
             raise ValueError(
                 f"transport basis is {images.shape[2]} × {images.shape[1]} px, the camera {shape[1]} × {shape[0]} px"
             )
-        weights = [
-            node_weights(strength[source] * responsivity(scenario, np.arcsin(np.sqrt(s))), basis.nodes_nm) for s in nodes
-        ]
-        powers = np.linalg.solve(np.vander(nodes, increasing=True), weights)
-        total = np.tensordot(powers[-1], images, axes=1)
-        for power in powers[-2::-1]:  # Horner's scheme in sin²θ
-            total = total * sine2 + np.tensordot(power, images, axes=1)
-        rate += total
+        weights = np.array(
+            [node_weights(strength[source] * responsivity(scenario, np.arcsin(s**0.5)), basis.nodes_nm) for s in table]
+        )
+        if len(table) == 1:
+            rate += np.tensordot(weights[0], images, axes=1)
+        else:
+            for image, weight in zip(images, weights.T, strict=True):
+                rate += np.interp(sine2, table, weight) * image
     # The weights of the outer nodes can be negative, so a black pixel may come out at minus a rounding error.
     return np.maximum(rate, 0.0) * falloff
+
+
+def _incidence_table(scenario: Scenario, largest: float) -> FloatArray:
+    """Values of sin²θ up to the largest of the field, between which the filter's edges shift by 0.05 nm at most.
+
+    Between them the weights of the nodes are taken as linear: a line of 2 nm across a steep edge allows no smoother curve.
+    """
+    if scenario.filter.effective_index == 0:
+        return np.zeros(1)
+    shift_nm = scenario.filter.high_nm * (1 - np.sqrt(1 - largest / scenario.filter.effective_index**2))
+    return np.linspace(0.0, largest, 2 + int(shift_nm / 0.05))
 
 
 @dataclass(frozen=True)
@@ -178,7 +196,7 @@ def bit_scale_px(scene_view: View) -> tuple[float, float]:
 
 def link_budget(scenario: Scenario, light: str) -> LinkBudget:
     """The closed-form budget of the scenario's range in an illumination."""
-    scene_view, marker = view(scenario), scenario.marker
+    scene_view, marker, target = view(scenario), scenario.marker, scenario.target
     response, strength = responsivity(scenario), strengths(scenario)
     wavelength = link.band_grid(response)
     viewer = scene_view.to_marker(np.zeros(3))
@@ -196,16 +214,26 @@ def link_budget(scenario: Scenario, light: str) -> LinkBudget:
         column, row = np.rint(scene_view.to_image(points_m)).astype(int).T
         return total * falloff[row.clip(0, falloff.shape[0] - 1), column.clip(0, falloff.shape[1] - 1)]
 
-    scale = np.array(bit_scale_px(scene_view))
-    rectangles = marker.reflective_rectangles_m() * np.repeat(scale, 2)
+    cells, shares = visible_tape(scene_view)
+    outline = scene_view.to_image(marker.corners_m * (marker.size_m / marker.aruco_m))
 
     def mean_rate(centres_m: FloatArray) -> tuple[float, float]:
-        pixels = [on_plane(scene_view, np.column_stack(p[::-1])) for p in bit_pixels(scene_view, centres_m)]
-        fill = np.array(
-            [link.reflective_fill(p * scale, rectangles, scenario.camera.psf_sigma_px).mean() for p in pixels]
+        pixels = [np.column_stack(p[::-1]) for p in bit_pixels(scene_view, centres_m)]
+        seen = np.array([len(p) > 0 for p in pixels])
+        if not seen.any():
+            return np.nan, np.nan
+        ends = np.cumsum([len(p) for p in pixels])[:-1]
+
+        def share(quads_px: FloatArray, parts: FloatArray) -> FloatArray:  # mean over each bit's pixels
+            pixel_share = link.reflective_fill(np.concatenate(pixels), quads_px, scenario.camera.psf_sigma_px, parts)
+            return np.array([part.mean() for part in np.split(pixel_share, ends) if len(part)])
+
+        fill, on_marker = share(cells, shares), share(outline[None], np.ones(1))
+        tape, black, face = (
+            rate(centres_m[seen], name) for name in (target.tape_material, target.absorber_material, target.face_material)
         )
-        tape, black = rate(centres_m, scenario.target.tape_material), rate(centres_m, scenario.target.absorber_material)
-        return float(np.mean(fill * tape + (1 - fill) * black)), float(np.mean(fill))
+        level = fill * tape + (on_marker - fill) * black + (1 - on_marker) * face
+        return float(np.mean(level)), float(np.mean(fill))
 
     white, black = marker.white_bit_centres_m(), marker.black_bit_centres_m()
     signal, fill = mean_rate(white)
@@ -215,20 +243,28 @@ def link_budget(scenario: Scenario, light: str) -> LinkBudget:
         signal,
         mean_rate(black)[0],
         float(np.mean(rate(white, scenario.target.tape_material))),
-        float(marker.bit_m * scale.min()),
+        float(marker.bit_m * min(bit_scale_px(scene_view))),
         float(link.smear_px(scenario.camera, scenario.range_m, speed, 1.0)),
         fill,
     )
 
 
 def exposure_s(scenario: Scenario, budget: LinkBudget, exposure: float | str) -> float:
-    """The exposure in seconds; 'auto' is the one that brings the bright bits to the wanted fraction of full well."""
+    """The exposure in seconds; 'auto' is the one that brings the bright bits to the wanted fraction of full well.
+
+    Raises:
+        ValueError: for 'auto' where no bit is in the frame.
+    """
     if not isinstance(exposure, str):
         return exposure
     auto = scenario.auto_exposure
     charge = auto.full_well_fraction * usable_well(scenario.sensor)
     rate = budget.signal_rate + scenario.sensor.dark_rate_electrons_per_s
-    return float(np.clip(charge / rate, auto.shortest_s, auto.longest_s))
+    if np.isnan(rate):
+        raise ValueError(
+            f"exposure_s: 'auto' needs a bit in the frame, and none is at {scenario.range_m:g} m; give seconds [s]"
+        )
+    return float(np.clip(charge / rate if rate > 0 else np.inf, auto.shortest_s, auto.longest_s))
 
 
 def frame_generator(scenario: Scenario, light: str, seconds: float, trial: int = 0) -> np.random.Generator:

@@ -107,7 +107,7 @@ def completions(scene: Surroundings) -> tuple[Repair, ...]:
             {"bit_px2": oblong_pixels},
         ),
         Repair(
-            "point spread and neighbours",
+            "blur and neighbours",
             "A.5 l. 83",
             "a bit's light stays within its square",
             "pattern ⊗ point spread ⊗ pixel",

@@ -9,6 +9,7 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.special import ndtr
 
 from radiometry.geometry import FloatArray
 from radiometry.optics import Camera, pixel_profile_integral
@@ -103,23 +104,68 @@ def sampling_window_px(bit_px: ArrayLike) -> FloatArray:
     return np.maximum(np.asarray(bit_px, float) / 2, 1.0)
 
 
-def reflective_fill(pixels_px: ArrayLike, rectangles_px: ArrayLike, psf_sigma_px: float) -> FloatArray:
+def reflective_fill(
+    pixels_px: ArrayLike, cells_px: ArrayLike, psf_sigma_px: float, shares: ArrayLike = 1.0
+) -> FloatArray:
     """Share of each pixel's light that comes from reflective cells, (n,).
 
-    The pattern of rectangles is convolved with point spread and pixel, both separable, so each rectangle adds a product of two
-    differences of `optics.pixel_profile_integral`.
+    The pattern is convolved with point spread and pixel. Both are separable, so a cell that lies square to the pixels adds a
+    product of two differences of `optics.pixel_profile_integral`; any other is cut into rows, exact along a row and by
+    Gauss–Legendre quadrature across them (to 1e-6 from a point spread of 0.2 px on, to 3e-4 below).
 
     Args:
-        pixels_px: (n, 2) pixel centres in the marker's own axes, scaled to pixels.
-        rectangles_px: (m, 4) reflective cells x0, x1, y0, y1 likewise.
+        pixels_px: (n, 2) pixel centres.
+        cells_px: reflective cells that do not overlap, in the same coordinates: (m, 4) rectangles x0, x1, y0, y1, or (m, 4, 2)
+            corners of convex quadrilaterals in order.
+        shares: (m,) of each cell that reflects, evenly spread over it.
     """
-    pixels, cells = np.asarray(pixels_px, float), np.asarray(rectangles_px, float)
+    shares = np.broadcast_to(np.asarray(shares, float), (len(np.asarray(cells_px)),))
+    pixels, cells = np.asarray(pixels_px, float), np.asarray(cells_px, float)
+    if cells.ndim == 3:
+        return _quadrilateral_fill(pixels, cells, psf_sigma_px, shares)
     share = [
         pixel_profile_integral(cells[:, 2 * axis + 1] - pixels[:, axis, None], psf_sigma_px)
         - pixel_profile_integral(cells[:, 2 * axis] - pixels[:, axis, None], psf_sigma_px)
         for axis in (0, 1)
     ]
-    return np.sum(share[0] * share[1], axis=1)
+    return (share[0] * share[1]) @ shares
+
+
+#: Nodes and weights on −1 … 1 for each stretch of rows between two kinks of the integrand.
+_ROWS, _ROW_WEIGHTS = np.polynomial.legendre.leggauss(8)
+
+
+def _quadrilateral_fill(
+    pixels: FloatArray, quads: FloatArray, psf_sigma_px: float, shares: FloatArray
+) -> FloatArray:
+    """`reflective_fill` of quadrilaterals (m, 4, 2)."""
+    sigma = max(psf_sigma_px, 1e-6)
+    reach = 0.5 + 5 * sigma  # the kernel holds 6e-7 beyond
+    low, high = quads.min(axis=1), quads.max(axis=1)
+    near = np.all((high > pixels[:, None] - reach) & (low < pixels[:, None] + reach), axis=-1)
+    pixel, cell = np.nonzero(near)
+    if len(pixel) == 0:
+        return np.zeros(len(pixels))
+    quad = quads[cell] - pixels[pixel, None]
+    side = np.roll(quad, -1, axis=1) - quad
+
+    # Rows between the corners' heights; the kernel itself bends at the pixel's edges.
+    bends = np.concatenate([quad[..., 1], np.broadcast_to([-0.5, 0.5], (len(quad), 2))], axis=1)
+    edges = np.sort(np.clip(bends, -reach, reach), axis=1)
+    half = np.diff(edges, axis=1)[..., None] / 2
+    row = (edges[:, :-1, None] + half * (1 + _ROWS)).reshape(len(quad), -1)
+    weight = (half * _ROW_WEIGHTS).reshape(len(quad), -1) * (ndtr((row + 0.5) / sigma) - ndtr((row - 0.5) / sigma))
+
+    height = side[:, None, :, 1]
+    along = (row[..., None] - quad[:, None, :, 1]) / np.where(height == 0, np.inf, height)
+    crossed = (along >= 0) & (along <= 1) & (height != 0)
+    x = quad[:, None, :, 0] + along * side[:, None, :, 0]
+    left = np.where(crossed, x, np.inf).min(axis=-1)
+    right = np.where(crossed, x, -np.inf).max(axis=-1)
+    left, right = np.clip(left, -reach, reach), np.clip(right, -reach, reach)
+    strip = pixel_profile_integral(right, sigma) - pixel_profile_integral(left, sigma)
+    inside = np.sum(weight * np.where(right > left, strip, 0.0), axis=1)
+    return np.bincount(pixel, inside * shares[cell], len(pixels))
 
 
 def smear_px(camera: Camera, range_m: ArrayLike, speed_m_s: ArrayLike, exposure_s: ArrayLike) -> FloatArray:

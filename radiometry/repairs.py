@@ -29,6 +29,8 @@ SHEETING_BRDF_SR = 0.10
 
 #: A quantity of the settings and the range.
 RangeTerm = Callable[[PrintedModel, FloatArray], FloatArray]
+#: Share of light that comes from tape, from the pixels per bit and the range.
+FillTerm = Callable[[FloatArray, FloatArray], FloatArray]
 
 
 @dataclass(frozen=True)
@@ -64,8 +66,8 @@ class LinkModel:
     sun_brdf_dark: RangeTerm
     lens_sr: RangeTerm
     bit_px2: RangeTerm
-    fill: Callable[[FloatArray, FloatArray], FloatArray]
-    fill_dark: Callable[[FloatArray, FloatArray], FloatArray]
+    fill: FillTerm
+    fill_dark: FillTerm
     further_area: float
     merit: Callable[[FloatArray, FloatArray, float], FloatArray]
 
@@ -90,7 +92,7 @@ class LinkModel:
         signal = self.signal_e(range_m, exposure_s, sources)
         return self.merit(signal, self.background_e(range_m, exposure_s, sources), self.settings.dark_noise_e)
 
-    def _charge(self, range_m: ArrayLike, exposure_s: ArrayLike, sources: Iterable[str], fill: Any) -> FloatArray:
+    def _charge(self, range_m: ArrayLike, exposure_s: ArrayLike, sources: Iterable[str], fill: FillTerm) -> FloatArray:
         s, distance = self.settings, np.asarray(range_m, float)
         bright, dark = np.zeros_like(distance), np.zeros_like(distance)
         for source in sources:
@@ -219,6 +221,15 @@ def printed_model(settings: PrintedModel | None = None) -> LinkModel:
     )
 
 
+NOISE_IN_QUADRATURE = Repair(
+    "noise added linearly",
+    "eq. 6.9; A.5 l. 97",
+    "N = √S + 28.2",
+    "N = √(S + 28.2²)",
+    "independent noises add in variance",
+    {"merit": lambda signal, background, noise: link.snr(signal, 0.0, noise)},
+)
+
 #: Slips of the thesis in the order of its own derivation. After all of them the model is the physics of its own assumptions.
 REPAIRS: tuple[Repair, ...] = (
     Repair(
@@ -254,7 +265,7 @@ REPAIRS: tuple[Repair, ...] = (
         {"lens_sr": lambda s, r: np.pi * (s.focal_length_m / s.f_number) ** 2 / (4 * r**2)},
     ),
     Repair(
-        "pixel area once too often, in mm²",
+        "second pixel area, in mm²",
         "eq. 6.7; A.5 l. 11, 87",
         "L·A_bit·Ω/n², which is W a pixel, times (8.6e-3)²",
         "W a pixel as it stands",
@@ -262,7 +273,7 @@ REPAIRS: tuple[Repair, ...] = (
         {"further_area": 1.0},
     ),
     Repair(
-        "field of view against focal length",
+        "field of view of 16°",
         "eq. 6.6; A.5 l. 57",
         "n = atan(w/2R)/8° · 752",
         "n = w·f/(p·R)",
@@ -293,12 +304,5 @@ REPAIRS: tuple[Repair, ...] = (
         "ASTM G173-03, extraterrestrial column",
         {"sun_irradiance": lambda s: solar_band_w_m2()},
     ),
-    Repair(
-        "noise added linearly",
-        "eq. 6.9; A.5 l. 97",
-        "N = √S + 28.2",
-        "N = √(S + 28.2²)",
-        "independent noises add in variance",
-        {"merit": lambda signal, background, noise: link.snr(signal, 0.0, noise)},
-    ),
+    NOISE_IN_QUADRATURE,
 )

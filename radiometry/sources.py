@@ -13,7 +13,7 @@ from radiometry.geometry import FloatArray
 from radiometry.optics import Fraction, Positive
 from radiometry.spectrum import Spectrum, gaussian_line
 
-#: Angular radius of the Sun at 1 au [rad] (0.2666°; IAU 2015 nominal solar radius over the astronomical unit).
+#: Angular radius of the Sun at 1 au [rad] (0.2665°; IAU 2015 nominal solar radius over the astronomical unit).
 SUN_ANGULAR_RADIUS_RAD = 6.957e8 / 1.495978707e11
 
 

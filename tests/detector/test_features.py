@@ -1,0 +1,340 @@
+"""Detection, corners and blobs on synthetic frames of known geometry."""
+
+from __future__ import annotations
+
+import sys
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import beta, chi2
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from synthetic import NOISE, electrons, expose, foil, pose_at, range_for
+
+from detector.blobs import Slits
+from detector.features import Features, detect_features
+from detector.noise import NoiseModel, estimate_noise
+from detector.pattern import Pattern, PixelSet, homography, kernel_sigma_px
+from radiometry.geometry import FloatArray
+from radiometry.optics import Camera
+from scenes.marker import Element, MarkerDesign
+
+MARKER = MarkerDesign()
+VBS = Camera()
+#: The same optics behind fewer pixels, to keep the frames quick.
+SMALL = Camera(width_px=128, height_px=128)
+MEDIUM = Camera(width_px=256, height_px=256)
+
+
+@lru_cache(maxsize=64)
+def frame(
+    range_m: float, pitch: float, yaw: float, roll: float, shift: tuple[float, float], camera: Camera, white: float, level: float = 0.2,
+    absorber: float = 0.02, samples: int = 12, seed: int = 1, marker: MarkerDesign = MARKER, light_ring_m: float = 0.0,
+) -> FloatArray:  # fmt: skip
+    rotation, translation = pose_at(range_m, pitch, yaw, roll, shift, camera)
+    return electrons(
+        marker, camera, rotation, translation, np.random.default_rng(seed), white=white, absorber=absorber, foil_level=level,
+        samples=samples, ring_radius_m=light_ring_m,
+    )  # fmt: skip
+
+
+def true_corners(range_m: float, pitch: float, yaw: float, roll: float, shift: tuple[float, float], camera: Camera) -> FloatArray:
+    rotation, translation = pose_at(range_m, pitch, yaw, roll, shift, camera)
+    return camera.project(MARKER.corners_m @ rotation.T + translation)
+
+
+def blob_error(found: Features, element: Element, camera: Camera, *pose: object) -> float:
+    """Signed distance of a found blob from the true one along the element [px]."""
+    rotation, translation = pose_at(*pose, camera=camera)  # type: ignore[arg-type]
+    u = element.blob_offset_m(-rotation.T @ translation)
+    points = element.centre_m + np.array([[u], [u + 1e-5]]) * element.along
+    at, beside = camera.project(points @ rotation.T + translation)
+    direction = (beside - at) / np.linalg.norm(beside - at)
+    return float((found.blobs_px[element.name] - at) @ direction)
+
+
+POSES = [
+    (1.5, 20.0, -12.0, 10.0, (3.3, -2.1)),
+    (3.0, -35.0, 10.0, 80.0, (0.4, 1.7)),
+    (4.4, 15.0, 35.0, -20.0, (-1.2, 0.6)),
+    (6.0, 0.0, 0.0, 0.0, (0.0, 0.0)),
+    (8.0, 10.0, -20.0, 200.0, (0.25, 0.75)),
+    (10.0, 0.0, 5.0, 45.0, (0.5, 0.5)),
+]
+
+
+@pytest.mark.parametrize("pose", POSES)
+def test_corners_are_unbiased_and_in_the_marker_s_order(pose):
+    mean = frame(*pose, MEDIUM, 6500.0)
+    rng = np.random.default_rng(2)
+    found = [detect_features(expose(mean, rng), MARKER, MEDIUM, NOISE) for _ in range(8)]
+    assert all(f.detected and f.identity == 0 for f in found)
+    error = np.array([f.corners_px for f in found]) - true_corners(*pose, MEDIUM)
+    assert np.abs(error.mean(0)).max() < 0.05
+    assert np.sqrt((error**2).mean()) < (0.02 if pose[0] < 5 else 0.04)
+
+
+@pytest.mark.parametrize("pose", POSES)
+def test_blobs_are_unbiased(pose):
+    mean = frame(*pose, MEDIUM, 6500.0)
+    rng = np.random.default_rng(3)
+    found = [detect_features(expose(mean, rng), MARKER, MEDIUM, NOISE) for _ in range(8)]
+    seen = 0
+    for element in MARKER.elements:
+        errors = [blob_error(f, element, MEDIUM, *pose) for f in found if f.blobs_px[element.name] is not None]
+        if len(errors) == len(found):
+            seen += 1
+            assert abs(np.mean(errors)) < 0.08
+            assert max(f.blob_sigma_px[element.name] for f in found) < 0.15
+    assert seen >= 2
+
+
+def test_the_reported_covariance_is_the_scatter():
+    # Few electrons, so that noise rules over what the model of the blur leaves.
+    pose = (4.4, 12.0, -8.0, 25.0, (0.3, 0.2))
+    mean = frame(*pose, SMALL, 600.0, 0.0, 0.02, 16)
+    rng = np.random.default_rng(4)
+    found = [detect_features(expose(mean, rng), MARKER, SMALL, NOISE) for _ in range(120)]
+    assert all(f.detected for f in found)
+    error = np.array([f.corners_px for f in found]) - true_corners(*pose, SMALL)
+    joint = sum(e.ravel() @ np.linalg.solve(f.joint_covariance_px2, e.ravel()) for e, f in zip(error, found, strict=True))
+    freedom = error.size
+    # The covariance is widened by the reduced chi-square, never narrowed: a few per cent on the safe side.
+    low, high = chi2.ppf([5e-4, 1 - 5e-4], freedom)
+    assert 0.9 * low < joint < high
+    single = sum(
+        error[n, k] @ np.linalg.solve(f.corners_covariance_px2[k], error[n, k]) for n, f in enumerate(found) for k in range(4)
+    )
+    assert 0.75 * freedom < single < 1.25 * freedom
+    pulls = [
+        blob_error(f, e, SMALL, *pose) / f.blob_sigma_px[e.name]
+        for f in found
+        for e in MARKER.elements
+        if f.blobs_px[e.name] is not None
+    ]
+    assert len(pulls) > 200
+    low, high = chi2.ppf([5e-4, 1 - 5e-4], len(pulls))
+    assert 0.8 * low < float(np.square(pulls).sum()) < high
+
+
+def _found(bit_px: float, camera: Camera, poses: int, shots: int, seed: int, white: float = 20_000.0, **options: float) -> tuple[int, int]:
+    rng = np.random.default_rng(seed)
+    detected = 0
+    for _ in range(poses):
+        roll, shift = float(rng.uniform(-180, 180)), (float(rng.uniform(-2, 2)), float(rng.uniform(-2, 2)))
+        pose = (range_for(bit_px, MARKER, camera), 0.0, 0.0, roll, shift)
+        rotation, translation = pose_at(*pose, camera=camera)
+        mean = electrons(MARKER, camera, rotation, translation, rng, white=white, samples=6, **options)
+        for _ in range(shots):
+            f = detect_features(expose(mean, rng), MARKER, camera, NOISE)
+            if f.detected:
+                assert np.abs(f.corners_px - true_corners(*pose, camera)).max() < 0.5
+                detected += 1
+    return detected, poses * shots
+
+
+def test_detects_99_of_100_at_two_pixels_per_bit():
+    detected, trials = _found(2.0, Camera(width_px=72, height_px=72), 100, 3, 5, foil_level=0.3)
+    # Lower end of the one-sided 95 % Clopper–Pearson interval.
+    assert beta.ppf(0.05, detected, trials - detected + 1) >= 0.99
+
+
+@pytest.mark.parametrize("bit_px", [2.5, 3.0, 5.0, 20.0])
+def test_detects_every_larger_marker(bit_px):
+    camera = MEDIUM if bit_px > 10 else SMALL
+    detected, trials = _found(bit_px, camera, 4 if bit_px > 10 else 12, 2, 6, foil_level=0.0 if bit_px > 10 else 0.3)
+    assert detected == trials
+
+
+@pytest.mark.parametrize("level", [1.0, 3.0, 10.0])
+def test_detects_before_foil_brighter_than_itself(level):
+    detected, trials = _found(2.5, SMALL, 12, 1, 7, foil_level=level)
+    assert detected == trials
+
+
+@pytest.mark.parametrize("times", [1, 3, 10, 100, 1000])
+def test_decodes_white_far_beyond_saturation(times):
+    # The well holds 32 600 electrons. At 2e7 the absorber must stay dark for anything to be seen.
+    pose = (range_for(8.0, MARKER, MEDIUM), 8.0, -6.0, 30.0, (0.4, 0.1))
+    mean = frame(*pose, MEDIUM, 32_600.0 * times, 0.0, 1e-5, 8)
+    f = detect_features(expose(mean, np.random.default_rng(8)), MARKER, MEDIUM, NOISE)
+    assert f.detected, f.reason
+    error = f.corners_px - true_corners(*pose, MEDIUM)
+    assert np.abs(error).max() < 0.15
+    assert np.abs(error.mean(0)).max() < 0.05
+
+
+def test_detects_low_contrast_in_full_bit_depth():
+    # 4 DN over 1.4 DN of noise, four pixels a bit: below one grey level of the frame mapped to eight bits.
+    faint = NoiseModel(gain_dn_per_electron=1.0, read_noise_dn=1.0, offset_dn=200.0, saturation_dn=16383.0)
+    pose = (range_for(4.0, MARKER, SMALL), 10.0, 5.0, 20.0, (0.0, 0.0))
+    mean = frame(*pose, SMALL, 5.0, 0.0, 0.02, 6)
+    rng = np.random.default_rng(9)
+    found = [detect_features(expose(mean, rng, faint), MARKER, SMALL, faint) for _ in range(20)]
+    assert sum(f.detected for f in found) >= 19
+
+
+@pytest.mark.parametrize("kind", ["noise", "foil", "bright foil", "glints", "saturated foil", "checks"])
+def test_finds_no_marker_where_there_is_none(kind):
+    rng = np.random.default_rng(10)
+    shape = (SMALL.height_px, SMALL.width_px)
+    for _ in range(50):
+        if kind == "noise":
+            mean = np.full(shape, rng.choice([0.0, 8000.0]))
+        elif kind == "glints":
+            mean = np.zeros(shape)
+            mean[tuple(rng.integers(0, 128, (2, 60)))] = 10 ** rng.uniform(3, 7, 60)
+        elif kind == "checks":
+            mean = 6500.0 * np.kron(rng.random((43, 43)) > 0.5, np.ones((3, 3)))[:128, :128]
+        else:
+            mean = 6500.0 * foil(shape, {"foil": 0.3, "bright foil": 2.0, "saturated foil": 30.0}[kind], rng)
+        f = detect_features(expose(mean, rng), MARKER, SMALL, NOISE)
+        assert not f.detected
+        assert f.reason
+        assert f.corners_px is None
+
+
+def test_another_identity_is_named_but_not_detected():
+    other = MarkerDesign(identity=7)
+    mean = frame(4.0, 5.0, 5.0, 10.0, (0.0, 0.0), SMALL, 6500.0, 0.0, 0.02, 8, 1, other)
+    image = expose(mean, np.random.default_rng(11))
+    assert detect_features(image, other, SMALL, NOISE).identity == 7
+    f = detect_features(image, MARKER, SMALL, NOISE)
+    assert not f.detected
+    assert f.identity == 7
+    assert "7" in (f.reason or "")
+
+
+def test_a_blob_at_the_end_of_its_element_is_dropped_and_said_so():
+    # Pitched so that the camera sees top and bottom towards opposite ends: one of a pair leaves its opening.
+    f = detect_features(expose(frame(3.0, 0.0, 25.0, 0.0, (0.0, 0.0), MEDIUM, 6500.0), np.random.default_rng(12)), MARKER, MEDIUM, NOISE)
+    missing = [name for name in ("top", "bottom") if f.blobs_px[name] is None]
+    assert len(missing) == 1
+    assert f"{missing[0]} blob: cut off" in (f.reason or "") or f"{missing[0]} blob: no light" in (f.reason or "")
+    assert missing[0] not in f.blob_sigma_px
+    assert not any(missing[0] in key for key in f.virtual_points_px)
+    assert len(f.virtual_points_px) == 2
+
+
+def test_virtual_points_lie_where_they_project():
+    pose = (3.0, 6.0, -5.0, 30.0, (1.0, -0.5))
+    f = detect_features(expose(frame(*pose, MEDIUM, 6500.0), np.random.default_rng(13)), MARKER, MEDIUM, NOISE)
+    rotation, translation = pose_at(*pose, camera=MEDIUM)
+    assert f.reason is None
+    for key, point in MARKER.virtual_points_m.items():
+        assert f.virtual_points_px[key] == pytest.approx(MEDIUM.project(rotation @ point + translation), abs=0.1)
+
+
+def test_a_ring_of_leds_beside_the_lens_leaves_the_blobs_in_place():
+    pose = (2.0, 8.0, -5.0, 15.0, (0.3, 0.2))
+    mean = frame(*pose, MEDIUM, 6500.0, 0.2, 0.02, 6, 1, MARKER, 0.04)
+    f = detect_features(expose(mean, np.random.default_rng(14)), MARKER, MEDIUM, NOISE)
+    for element in MARKER.elements:
+        assert abs(blob_error(f, element, MEDIUM, *pose)) < 0.1
+
+
+@pytest.mark.parametrize("peak", [3.0, 0.95])
+def test_blobs_are_found_from_three_sigma_to_the_edge_of_saturation(peak):
+    pose = (4.4, 5.0, -4.0, 0.0, (0.3, 0.2))
+    white = peak * 28.2 / 0.5 if peak > 1 else peak * 32_600  # a blob is about half as bright as the ring at this size
+    rng = np.random.default_rng(15)
+    mean = frame(*pose, SMALL, white, 0.0)
+    found = [detect_features(expose(mean, rng), MARKER, SMALL, NOISE) for _ in range(10)]
+    assert all(f.detected for f in found)
+    for element in MARKER.elements:
+        errors = [blob_error(f, element, SMALL, *pose) for f in found if f.blobs_px[element.name] is not None]
+        assert len(errors) >= 8
+        assert np.sqrt(np.mean(np.square(errors))) < (1.0 if peak > 1 else 0.1)
+
+
+def test_kinds_of_numbers_and_an_unknown_noise_make_little_difference():
+    pose = (4.4, 5.0, -4.0, 12.0, (0.3, 0.2))
+    image = expose(frame(*pose, SMALL, 6500.0), np.random.default_rng(16))
+    reference = detect_features(image, MARKER, SMALL, NOISE)
+    for other, noise in ((image.astype(float), NOISE), (image.astype(np.float32), None), (image, None), ((image / 32).astype(np.uint8), None)):
+        f = detect_features(other, MARKER, SMALL, noise)
+        assert f.detected
+        assert np.abs(f.corners_px - reference.corners_px).max() < 0.1
+
+
+@pytest.mark.parametrize(
+    "image",
+    [np.zeros((40, 40, 3)), np.zeros(40), np.full((40, 40), np.nan), np.full((40, 40), np.inf), np.zeros((4, 4)), np.full((40, 40), "a"),
+     np.zeros((40, 40), complex)],
+)  # fmt: skip
+def test_refuses_what_is_no_image(image):
+    with pytest.raises(ValueError, match="image"):
+        detect_features(image, MARKER, SMALL, NOISE)
+
+
+@pytest.mark.parametrize("image", [np.zeros((64, 64)), np.full((64, 64), 255, np.uint8), np.eye(64), np.full((64, 64), -5.0)])
+@pytest.mark.parametrize("noise", [None, NOISE])
+def test_degenerate_frames_hold_no_marker(image, noise):
+    assert not detect_features(image, MARKER, SMALL, noise).detected
+
+
+def test_a_marker_cut_by_the_image_s_edge_is_not_detected_and_does_no_harm():
+    mean = frame(3.0, 5.0, 5.0, 0.0, (60.0, 0.0), SMALL, 6500.0)
+    assert not detect_features(expose(mean, np.random.default_rng(17)), MARKER, SMALL, NOISE).detected
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"gain_dn_per_electron": -1.0}, {"read_noise_dn": np.nan}, {"offset_dn": np.inf}, {"saturation_dn": 10.0}],
+)
+def test_refuses_an_impossible_noise_model(change):
+    with pytest.raises(ValueError, match=next(iter(change))):
+        NoiseModel(**{"gain_dn_per_electron": 1.0, "read_noise_dn": 1.0, "offset_dn": 64.0, **change})
+
+
+def test_the_estimated_noise_is_the_noise():
+    rng = np.random.default_rng(18)
+    assert estimate_noise(rng.normal(100, 3, (200, 200))).read_noise_dn == pytest.approx(3, rel=0.1)
+    clipped = np.clip(rng.normal(100, 30, (200, 200)), 0, 120)
+    assert estimate_noise(clipped).saturation_dn == 120
+
+
+@settings(deadline=None, derandomize=True, max_examples=30)
+@given(st.lists(st.floats(-6, 6), min_size=8, max_size=8), st.floats(0.3, 1.5))
+def test_the_pattern_s_gradient_is_its_derivative(offsets, sigma):
+    square = np.array([[10, 10], [50, 12], [48, 52], [9, 49]]) + np.reshape(offsets, (4, 2))
+    matrix, pattern = homography(square), Pattern(MARKER)
+    pixels = np.random.default_rng(0).uniform(5, 55, (200, 2))
+    value, gradient = pattern.value_and_gradient(PixelSet(pixels, matrix, kernel_sigma_px(sigma)))
+    assert -0.1 < value.min()
+    assert value.max() < 1.1
+    for axis in (0, 1):
+        step = np.zeros(2)
+        step[axis] = 1e-4
+        ahead, _ = pattern.value_and_gradient(PixelSet(pixels + step, matrix, kernel_sigma_px(sigma)))
+        behind, _ = pattern.value_and_gradient(PixelSet(pixels - step, matrix, kernel_sigma_px(sigma)))
+        # The skew's second-order term is left out of the gradient.
+        assert (ahead - behind) / 2e-4 == pytest.approx(gradient[:, axis], abs=0.06)
+
+
+@settings(deadline=None, derandomize=True, max_examples=60)
+@given(st.floats(-0.5, 0.5), st.floats(0.5, 20.0))
+def test_floor_seen_through_the_slits_is_a_triangle_about_the_blob(place, range_m):
+    element = MARKER.elements[0]
+    slits = Slits(MARKER, element, np.array([0.0, 0.0, range_m]))
+    u = np.linspace(-0.5, 0.5, 4001) * element.length_m
+    seen = slits.seen_up_to(u, np.array([place * element.length_m]))[0]
+    assert np.all(np.diff(seen) >= -1e-15)
+    assert seen[-1] <= (1 - MARKER.slat_fraction) * element.length_m
+    # The area of the triangle, its top cut flat by one slit, but for what the ends cut off and the sampling by slits.
+    whole = (1 - MARKER.slat_fraction) * (1 - slits.follow) * slits.half_width
+    assert seen[-1] == pytest.approx(whole * (1 - slits.cut_fraction(place * element.length_m)), abs=0.12 * whole)
+
+
+def test_the_field_of_view_is_covered_by_one_element_or_the_other():
+    reach = np.array([[-30.0, "right"], [30.0, "left"]], dtype=object)
+    for pitch, name in reach:
+        mean = frame(3.0, float(pitch), 0.0, 0.0, (0.0, 0.0), MEDIUM, 6500.0)
+        f = detect_features(expose(mean, np.random.default_rng(19)), MARKER, MEDIUM, NOISE)
+        assert f.blobs_px[name] is not None
+        assert f.virtual_points_px
