@@ -1,0 +1,49 @@
+"""Where the camera sees tape: the printed cells, and the floors of the encoding elements through their slits."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+
+from radiometry.geometry import FloatArray
+from scenes.marker import Element, MarkerDesign
+from scenes.transport import View
+
+
+def visible_tape(view: View) -> tuple[FloatArray, FloatArray]:
+    """Quadrilaterals of the image (m, 4, 2) [px] in which the camera sees tape, and the share of each that is tape (m,).
+
+    Printed cells count fully. Behind an element's opening, each slit counts with the share of its pitch through which the floor
+    is seen, in the strip that the side walls leave free. The light's own way in is taken to be the camera's way out.
+    """
+    camera = view.to_marker(np.zeros(3))
+    x0, x1, y0, y1 = view.marker.reflective_rectangles_m().T
+    printed = np.stack([[x0, y0], [x1, y0], [x1, y1], [x0, y1]]).transpose(2, 0, 1)
+    slits = [_slits(view.marker, element, camera) for element in view.marker.elements]
+    corners = np.concatenate([printed, *(quads for quads, _ in slits)])
+    shares = np.concatenate([np.ones(len(printed)), *(share for _, share in slits)])
+    seen = shares > 0
+    on_plane = np.concatenate([corners, np.zeros((*corners.shape[:2], 1))], axis=-1)
+    return view.to_image(on_plane[seen]), shares[seen]
+
+
+def _slits(marker: MarkerDesign, e: Element, camera_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Corners (n, 4, 2) of an element's slits on the front plane [m] and the share of each through which its floor shows."""
+    edges = np.linspace(-e.length_m / 2, e.length_m / 2, marker.slit_count + 1)
+    u, pitch = (edges[:-1] + edges[1:]) / 2, e.length_m / marker.slit_count
+    fall = e.depth_m / camera_m[2]  # of a line of sight: sideways per distance off the camera's foot, down to the floor
+    # Slats lie in planes through the virtual line, so name a point by where its plane cuts the front: a line of sight that keeps
+    # its name stays between two slats, one whose name shifts by an opening's width meets a slat wherever it enters.
+    below = u + fall * (u - camera_m @ e.along)
+    name = e.virtual_offset_m + (below - e.virtual_offset_m) / (1 - e.depth_m / e.virtual_depth_m)
+    share = np.clip(1 - marker.slat_fraction - np.abs(name - u) / pitch, 0.0, None)
+    half, foot = e.width_m / 2, fall * ((camera_m - e.centre_m) @ e.across)
+    low, high = max(-half, (foot - half) / (1 + fall)), min(half, (foot + half) / (1 + fall))
+    if low >= high:
+        share = 0 * share
+    quads = [
+        [(e.centre_m + a * e.along + v * e.across)[:2] for a, v in ((a0, low), (a1, low), (a1, high), (a0, high))]
+        for a0, a1 in pairwise(edges)
+    ]
+    return np.array(quads), share
