@@ -11,21 +11,22 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from scipy.special import ndtr
 
 from detector.corners import PatternFit, gather
 from detector.noise import NoiseModel
 from detector.pattern import SQUARE, PixelSet, pixels_within, project
+from detector.slits import Slits
 from radiometry.geometry import FloatArray
 from radiometry.optics import Camera
 from scenes.marker import Element, MarkerDesign
-from scipy.special import ndtr
 
 MAX_PIXELS = 500
 #: Gauss–Newton steps from the nearest of the starting positions, three quarters of a slit pitch apart.
 STEPS = 3
 #: What the slit model leaves in a blob without any noise, standard deviation [px]: measured on noiseless synthetic
 #: frames, 0.004–0.010 px with the light at the lens, 0.01–0.03 px with it on a ring of 40 mm radius.
-MODEL_SIGMA_PX = 0.01
+MODEL_SIGMA_PX = 0.015
 #: A blob is found where it lowers chi-square by this much: five standard deviations.
 DETECTION_CHI2 = 25.0
 #: Largest part of the blob's light that may be lost at the element's end.
@@ -42,42 +43,6 @@ class Blob:
     position_px: FloatArray  # (2,)
     sigma_px: float  # standard deviation along the element
     unexplained: float
-
-
-class Slits:
-    """Intervals of floor seen through the slits of one element, for a camera with the light beside its lens."""
-
-    def __init__(self, marker: MarkerDesign, element: Element, camera_m: FloatArray):
-        self.pitch = element.length_m / marker.slit_count
-        self.start = -element.length_m / 2
-        self.count = marker.slit_count
-        self.half_slat = marker.slat_fraction * self.pitch / 2
-        depth = element.depth_m
-        #: Rate at which the sight line leaves the slit's wall, per metre between slit and blob, over the depth.
-        leave = depth * (1 / max(camera_m[2], depth) + 1 / element.virtual_depth_m)
-        self.follow = leave / (1 - depth / element.virtual_depth_m + leave)
-        #: Distance from the blob at which a slit shows nothing [m].
-        self.half_width = (self.pitch - 2 * self.half_slat) / self.follow
-        # Across the slits a floor point hides behind the side wall where the sight line is oblique.
-        k, across = depth / max(camera_m[2], depth), float((camera_m - element.centre_m) @ element.across)
-        side = element.width_m / 2
-        self.across = max((-side + across * k) / (1 + k), -side), min((side + across * k) / (1 + k), side)
-
-    def seen_up_to(self, u: FloatArray, blob: FloatArray) -> FloatArray:
-        """Length of floor seen below each u (n,) for each blob coordinate (k,), (k, n) [m]."""
-        low = self.start + self.half_slat + self.pitch * np.arange(self.count)
-        high = low + self.pitch - 2 * self.half_slat
-        away = blob[:, None]
-        seen_low = low + np.maximum((away - low) * self.follow, 0)
-        length = np.maximum(high + np.minimum((away - high) * self.follow, 0) - seen_low, 0)
-        before = np.cumsum(length, axis=1) - length
-        slit = np.clip(((u - self.start) / self.pitch).astype(int), 0, self.count - 1)
-        return before[:, slit] + np.minimum(np.maximum(u - seen_low[:, slit], 0), length[:, slit])
-
-    def cut_fraction(self, blob: float) -> float:
-        """Part of the blob's triangle that lies beyond the ends of the element."""
-        room = (self.count * self.pitch / 2 - abs(blob)) / self.half_width
-        return float(np.clip((1 - np.clip(room, -1, 1)) ** 2 / 2 if room > 0 else 1 - (1 + max(room, -1)) ** 2 / 2, 0, 1))
 
 
 class _ElementImage:
@@ -118,7 +83,10 @@ class _ElementImage:
         self.data = data - fit.white_dn * ndtr((ring - outwards * v) / sigma_v)
         self.ceiling = noise.saturated_above_dn - (data - self.data)
         foil = ndtr((outwards * v - marker.size_m / 2) / sigma_v)
-        edge = along * self.u.clip(-element.length_m / 2, element.length_m / 2)[:, None] + across * outwards * 1.03 * marker.size_m / 2
+        edge = (
+            along * self.u.clip(-element.length_m / 2, element.length_m / 2)[:, None]
+            + across * outwards * 1.03 * marker.size_m / 2
+        )
         self.glare = (foil * _scatter(image, project(fit.matrix, edge / half))) ** 2
         self.weigh(np.full(self.count, fit.black_dn))
         columns = [np.ones(self.count)]
@@ -134,7 +102,7 @@ class _ElementImage:
         self.across = ndtr((self.v - low) / self.sigma_v) - ndtr((self.v - high) / self.sigma_v)
 
     def rough_position(self) -> float | str:
-        """Best of positions three quarters of a pitch apart, and the weights that go with it."""
+        """Best of positions three quarters of a pitch apart, or why there is none; sets the weights that go with it."""
         if not self.whole:
             return "outside the image"
         if self.count < 8:
@@ -186,7 +154,9 @@ class _ElementImage:
         lit = np.diff(self.slits.seen_up_to(edges, blob), axis=1) / step
         # Cells and the interpolation between them blur by step²/12 and step²/6; the Gaussian does the rest.
         kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) * step) ** 2 / (self.sigma_u**2 - step**2 / 4))
-        lit = cv2.filter2D(lit, cv2.CV_64F, (kernel / kernel.sum())[None], borderType=cv2.BORDER_CONSTANT)
+        lit = np.asarray(
+            cv2.filter2D(lit, cv2.CV_64F, (kernel / kernel.sum())[None], borderType=cv2.BORDER_CONSTANT), float
+        )
         at = np.clip((self.u - edges[0]) / step - 0.5, 0, count - 1.001)
         index = at.astype(int)
         part = at - index
@@ -195,7 +165,9 @@ class _ElementImage:
     def solve(self, blob: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Cost (k,) and model (k, n) of blobs at given positions, levels at their optimum."""
         profile = self.profiles(blob)
-        columns = np.concatenate([profile[:, None], np.broadcast_to(self.nuisance, (len(blob), *self.nuisance.shape))], axis=1)
+        columns = np.concatenate(
+            [profile[:, None], np.broadcast_to(self.nuisance, (len(blob), *self.nuisance.shape))], axis=1
+        )
         weighted = columns * self.weight
         normal = weighted @ columns.transpose(0, 2, 1)
         diagonal = np.einsum("kii->ki", normal)
@@ -270,12 +242,12 @@ def find_blobs(
     # The homography of a small marker knows the attitude badly; the blobs themselves tell where the camera stands.
     camera_m = _camera_from_blobs(marker, shown, roughly, by_homography)
     found: dict[str, Blob | str] = {}
-    for element in marker.elements:
-        start = roughly[element.name]
-        if not isinstance(start, str):
-            shown[element.name].look_from(camera_m)
-            start = shown[element.name].measure(start)
-        found[element.name] = start
+    for name, start in roughly.items():
+        if isinstance(start, str):
+            found[name] = start
+        else:
+            shown[name].look_from(camera_m)
+            found[name] = shown[name].measure(start)
     return found
 
 
@@ -291,62 +263,8 @@ def _camera_from_blobs(
             u = roughly[element.name]
             if element.name in pair and not isinstance(u, str) and shown[element.name].gain > clearest:
                 clearest = shown[element.name].gain
-                slope[axis] = (u - element.virtual_offset_m) / element.virtual_depth_m
+                slope[axis] = u / range_m + (u - element.virtual_offset_m) / element.virtual_depth_m
     return np.append(slope, 1.0) * range_m / np.sqrt(1 + slope @ slope)
-
-
-def _scatter(image: np.ndarray, points_px: FloatArray) -> float:
-    """Standard deviation of the pixel values nearest to points (n, 2)."""
-    at = np.clip(np.rint(points_px), 0, np.array(image.shape[::-1]) - 1)
-    return float(gather(image, at).std())
-
-
-def _least_squares(columns: FloatArray, weight: FloatArray, data: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Weighted least squares on columns (c, n): coefficients (c,) and their variances (c,)."""
-    scale = np.sqrt(columns**2 @ weight) + 1e-140
-    columns = columns / scale[:, None]
-    inverse = np.linalg.inv((columns * weight) @ columns.T + 1e-9 * np.eye(len(columns)))
-    return inverse @ (columns @ (weight * data)) / scale, np.diag(inverse) / scale**2
-
-
-def find_blob(
-    image: np.ndarray, fit: PatternFit, marker: MarkerDesign, element: Element, camera: Camera, sigma_px: float, noise: NoiseModel
-) -> Blob | str:
-    """The blob of an element, or in a few words why there is none."""
-    camera_m = camera_in_marker_m(fit.matrix, marker, camera)
-    shown = _ElementImage(image, fit, marker, element, camera_m, sigma_px, noise)
-    if not shown.whole:
-        return "outside the image"
-    if shown.count < 8:
-        return "too small"
-    if np.count_nonzero(shown.weight) < 8:
-        return "saturated"
-    slits = shown.slits
-    reach = element.length_m / 2 + 0.6 * slits.half_width
-    start = np.arange(-reach, reach, 0.75 * slits.pitch)
-    cost, model = shown.solve(start)
-    best = int(cost.argmin())
-    if not np.isfinite(cost[best]):
-        return "no light"
-    shown.weigh(np.minimum(model[best], shown.ceiling))
-    u = float(start[best])
-    delta = 0.05 * slits.pitch
-    for _ in range(STEPS):
-        u += float(np.clip(shown.linearise(u, delta).step_m, -0.5 * slits.pitch, 0.5 * slits.pitch))
-    found = shown.linearise(u, delta)
-    gain = shown.blank_cost() - found.cost
-    if found.brightness_dn <= 0 or not gain > DETECTION_CHI2:
-        return "no light"
-    unexplained = max(found.cost - found.count, 0.0) / gain
-    if unexplained > MAX_UNEXPLAINED:
-        return "light is no blob"
-    if slits.cut_fraction(u) > MAX_CUT_FRACTION:
-        return "cut off at the element's end"
-    variance = found.variance_m2 * max(1.0, found.cost / max(found.count - 2 - len(shown.nuisance), 1))
-    ends = (element.centre_m + (u + np.array([[0.0], [delta]])) * element.along)[:, :2] / (marker.aruco_m / 2)
-    position, beside = project(fit.matrix, ends)
-    sigma = np.hypot(np.sqrt(variance) * np.linalg.norm(beside - position) / delta, MODEL_SIGMA_PX)
-    return Blob(u, position, float(sigma), unexplained)
 
 
 def camera_in_marker_m(matrix: FloatArray, marker: MarkerDesign, camera: Camera) -> FloatArray:

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from detector.noise import NoiseModel
 from radiometry.geometry import FloatArray
@@ -20,6 +21,7 @@ from radiometry.geometry import FloatArray
 MIN_SIDE_PX = 5
 #: A dark component fills at least this part of its bounding box: a turned 4×4 pattern of mostly white bits has 0.25.
 MIN_FILL = 0.15
+
 
 class Look(NamedTuple):
     """One pass over the image."""
@@ -38,7 +40,9 @@ LOOKS = (
 )  # fmt: skip
 
 
-def dark_squares(image: FloatArray, window: int, threshold: tuple[float, float], ceiling: float) -> list[FloatArray]:
+def dark_squares(
+    image: NDArray[np.float32], window: int, threshold: tuple[float, float], ceiling: float
+) -> list[FloatArray]:
     """Quadrilaterals (4, 2) [px], clockwise as seen, around dark components of a float32 image (H, W).
 
     `window`: side of the surroundings [px]. Bright is what exceeds their mean by √(c₀ + c₁ · mean), `threshold` (c₀, c₁),
@@ -66,7 +70,7 @@ def dark_squares(image: FloatArray, window: int, threshold: tuple[float, float],
         x, y, bw, bh = left[k] - 1, top[k] - 1, width[k] + 2, height[k] + 2
         quad = _quadrilateral((labels[y : y + bh, x : x + bw] == k).view(np.uint8))
         if quad is not None:
-            quads.append(quad + (x, y))
+            quads.append(quad + np.array([x, y]))
     return quads
 
 
@@ -113,9 +117,9 @@ def search(image: np.ndarray, noise: NoiseModel) -> Iterator[tuple[FloatArray, f
         copy, averaged = plain, 1.0
         if look.binning > 1:
             whole = plain[: shape[1] * look.binning, : shape[0] * look.binning]
-            copy = cv2.resize(whole, shape, interpolation=cv2.INTER_AREA)
+            copy = np.asarray(cv2.resize(whole, shape, interpolation=cv2.INTER_AREA), np.float32)
         if look.blur > 0:
-            copy = cv2.GaussianBlur(copy, (0, 0), look.blur)
+            copy = np.asarray(cv2.GaussianBlur(copy, (0, 0), look.blur), np.float32)
             # A Gaussian of deviation s averages over 4πs² pixels.
             averaged = 4 * np.pi * (look.blur * look.binning) ** 2
         scale = look.sigmas**2 / averaged

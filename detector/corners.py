@@ -47,7 +47,12 @@ def gather(image: np.ndarray, pixels: FloatArray) -> FloatArray:
 
 
 def fit_pattern(
-    image: np.ndarray, pattern: Pattern, corners_px: FloatArray, sigma_px: float, noise: NoiseModel, blur_px: float = 0.0
+    image: np.ndarray,
+    pattern: Pattern,
+    corners_px: FloatArray,
+    sigma_px: float,
+    noise: NoiseModel,
+    blur_px: float = 0.0,
 ) -> PatternFit | None:
     """Fit from approximate corners (4, 2); None where it diverges or the pattern leaves the image.
 
@@ -202,4 +207,14 @@ def _evaluate(
     cost = total + float(np.log(variance[~saturated]).sum())
     explained = float(weight @ (model - (weight @ model) / max(weight.sum(), 1e-300)) ** 2)
     unexplained = max(total - np.count_nonzero(active), 0.0) / explained if explained > 0 else np.inf
-    return _State(matrix, white, black, cost, total, weighted.T @ jacobian, weighted.T @ residual, unexplained, float(np.sqrt(explained)))
+    return _State(
+        matrix,
+        white,
+        black,
+        cost,
+        total,
+        weighted.T @ jacobian,
+        weighted.T @ residual,
+        unexplained,
+        float(np.sqrt(explained)),
+    )

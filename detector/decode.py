@@ -48,7 +48,9 @@ class Decoder:
             cells += [Pattern.with_bits(np.rot90(bits, -turn)).ravel() for turn in range(4)]
         self.templates = np.array(cells)
 
-    def decode(self, image: np.ndarray, corners_px: FloatArray, sigma_px: float, noise: NoiseModel) -> tuple[Decoded, Decoded] | None:
+    def decode(
+        self, image: np.ndarray, corners_px: FloatArray, sigma_px: float, noise: NoiseModel
+    ) -> tuple[Decoded, Decoded] | None:
         """Best match over all identities, and over this marker's identity; None where the quadrilateral holds too little."""
         origin = np.round(corners_px.mean(0))
         matrix = homography(corners_px - origin)
@@ -98,4 +100,6 @@ def has_ring(image: np.ndarray, corners_px: FloatArray, pattern: Pattern, noise_
     if not ((at >= 0) & (at < image.shape[::-1])).all():
         return False
     bright, dark = gather(image, at).reshape(2, 4, -1).mean(2)
-    return bool((bright > dark).all() and bright.mean() > dark.mean() + noise_dn and bright.min() > dark.max() - noise_dn)
+    return bool(
+        (bright > dark).all() and bright.mean() > dark.mean() + noise_dn and bright.min() > dark.max() - noise_dn
+    )

@@ -55,7 +55,9 @@ class Features:
         return self.corners_px is not None
 
 
-def detect_features(image: ArrayLike, marker: MarkerDesign, camera: Camera, noise: NoiseModel | None = None) -> Features:
+def detect_features(
+    image: ArrayLike, marker: MarkerDesign, camera: Camera, noise: NoiseModel | None = None
+) -> Features:
     """Find the marker and measure its corners and blobs.
 
     `image`: (H, W) digital numbers or electrons, integer or real, any bit depth. `camera` gives the point spread and,

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from detector.features import Features
-from detector.pattern import SQUARE, homography
+from detector.pattern import homography
 from radiometry.geometry import FloatArray, faces_camera, rotation_angle
 from radiometry.optics import Camera
 from scenes.marker import MarkerDesign
@@ -80,7 +80,8 @@ class _Problem:
     """Whitened residuals and their derivatives for a batch of poses."""
 
     def __init__(self, features: Features, marker: MarkerDesign, camera: Camera):
-        assert features.corners_px is not None and features.corners_covariance_px2 is not None
+        assert features.corners_px is not None
+        assert features.corners_covariance_px2 is not None
         covariance = features.joint_covariance_px2
         if covariance is None:
             covariance = np.zeros((8, 8))
@@ -134,7 +135,9 @@ class _Problem:
         image, by_point = self._image(arm + translation[:, None])
         slope = (by_point @ axis[..., None])[..., 0]
         direction = slope / np.linalg.norm(slope, axis=-1, keepdims=True)
-        by_pose = np.concatenate([-by_point @ _cross(arm), by_point], axis=-1) + slope[..., None] * u_by_pose[:, :, None]
+        by_pose = (
+            np.concatenate([-by_point @ _cross(arm), by_point], axis=-1) + slope[..., None] * u_by_pose[:, :, None]
+        )
         pull = ((self.blobs_px - image) * direction).sum(-1) / self.sigma
         by_pose = -(direction[..., None] * by_pose).sum(-2) / self.sigma[:, None]
         return np.concatenate([residual, pull], axis=1), np.concatenate([jacobian, by_pose], axis=1)
@@ -234,7 +237,9 @@ def _onto(sight: FloatArray) -> FloatArray:
     return _exponential((axis / sine * angle if sine > 0 else axis)[None])[0]
 
 
-def _camera_direction(features: Features, marker: MarkerDesign, matrix: FloatArray, range_m: float) -> FloatArray | None:
+def _camera_direction(
+    features: Features, marker: MarkerDesign, matrix: FloatArray, range_m: float
+) -> FloatArray | None:
     """Camera in the marker frame (3,) [m] from one blob of each direction, where there are, for a height above the plane."""
     back = np.linalg.inv(matrix)
     place = np.array([np.nan, np.nan, range_m])
@@ -251,7 +256,9 @@ def _camera_direction(features: Features, marker: MarkerDesign, matrix: FloatArr
 def _facing(towards: FloatArray, slope_x: FloatArray, sight: FloatArray) -> FloatArray:
     """Attitude that turns the marker's direction `towards` to the camera and its x axis along an image direction."""
     unit = sight / np.linalg.norm(sight)
-    return _basis(-unit, np.append(slope_x, 0.0)) @ _basis(towards / np.linalg.norm(towards), np.array([1.0, 0.0, 0.0])).T
+    return (
+        _basis(-unit, np.append(slope_x, 0.0)) @ _basis(towards / np.linalg.norm(towards), np.array([1.0, 0.0, 0.0])).T
+    )
 
 
 def _basis(first: FloatArray, second: FloatArray) -> FloatArray:

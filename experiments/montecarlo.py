@@ -39,6 +39,7 @@ from experiments.pose_scenes import (
 )
 from radiometry.geometry import FRONTAL, FloatArray
 from radiometry.optics import Camera
+from scenes.atomic import atomic_write
 
 #: Thesis 3.7: scenes at each metre.
 SCENES_PER_RANGE = 1500
@@ -136,8 +137,8 @@ def performance(
         for key, value in row.items():
             table.setdefault(key, np.full(shape, np.nan))[index] = value
 
-    for r, l, s in np.ndindex(len(names), len(places), len(steps)):
-        recipe, place = RECIPES[names[r]], places[l]
+    for r, p, s in np.ndindex(len(names), len(places), len(steps)):
+        recipe, place = RECIPES[names[r]], places[p]
         if names[r] == "order" and place != "flat":
             continue
         scenes = make_scenes(
@@ -157,7 +158,7 @@ def performance(
             elapsed = time.perf_counter() - start
             back = scenes.shows_back
             row = summary(Errors.of(scenes, poses), back, recipe.criterion)
-            store((r, l, m, s), row | {"scenes": per_range, "scenes_back": back.sum(), "seconds": elapsed})
+            store((r, p, m, s), row | {"scenes": per_range, "scenes_back": back.sum(), "seconds": elapsed})
     dims = ("recipe", "layout", "solver", "range_m")
     units = {f"{kind}_{q}": unit for kind in ("mean", "std") for q, unit in QUANTITIES.items()}
     units |= {"median_attitude_deg": "deg", "seconds": "s"}
@@ -192,7 +193,7 @@ def convergence(
         outlier[i] = errors.outliers(recipe.criterion)
         errors = errors.folded() if recipe.criterion == "listing" else errors
         absolute[i] = np.where(outlier[i], np.nan, np.stack(list(errors.absolute.values())))
-    data = {
+    data: dict[str, tuple[tuple[str, ...], FloatArray, dict[str, str]]] = {
         f"error_{q}": (
             ("case", "scene"),
             absolute[:, k],
@@ -211,7 +212,7 @@ def convergence(
     return dataset.assign_attrs(range_m=range_m, layout="random")
 
 
-def tried(camera: Camera, rng: np.random.Generator, count: int = 300) -> xr.Dataset:
+def tried(camera: Camera, rng: np.random.Generator, count: int = 200) -> xr.Dataset:
     """Every solver that was tried, on the same scenes as meant; dimensions solver, layout, range_m.
 
     SoftPOSIT is told no correspondences, but a pose to start from: turned by 10° standard deviation about each axis, 5 % too
@@ -235,17 +236,17 @@ def tried(camera: Camera, rng: np.random.Generator, count: int = 300) -> xr.Data
     ranges = np.array([5.0, 20.0])
     shape = (len(every), len(LAYOUTS), len(ranges))
     wrong, median, spent = np.full(shape, np.nan), np.full(shape, np.nan), np.full(shape, np.nan)
-    for l, s in np.ndindex(len(LAYOUTS), len(ranges)):
-        layout = RECIPES["right"].layout(LAYOUTS[l])
+    for p, s in np.ndindex(len(LAYOUTS), len(ranges)):
+        layout = RECIPES["right"].layout(LAYOUTS[p])
         scenes = make_scenes(layout, np.full(count, ranges[s]), camera, rng, fewest_points=len(layout.virtual))
         for m, (name, solver) in enumerate(every.items()):
-            if (name in _PLANAR_ONLY and LAYOUTS[l] != "flat") or (name == "SoftPOSIT" and not scenes.visible.all()):
+            if (name in _PLANAR_ONLY and LAYOUTS[p] != "flat") or (name == "SoftPOSIT" and not scenes.visible.all()):
                 continue
             start = time.perf_counter()
             errors = Errors.of(scenes, _solve(solver, scenes, camera))
-            spent[m, l, s] = (time.perf_counter() - start) / count
-            wrong[m, l, s] = errors.outliers("geodesic").sum()
-            median[m, l, s] = np.rad2deg(np.nanmedian(errors.attitude_rad))
+            spent[m, p, s] = (time.perf_counter() - start) / count
+            wrong[m, p, s] = errors.outliers("geodesic").sum()
+            median[m, p, s] = np.rad2deg(np.nanmedian(errors.attitude_rad))
     dims = ("solver", "layout", "range_m")
     return xr.Dataset(
         {
@@ -322,13 +323,13 @@ def run(
         "convergence": convergence(camera, next(streams), 100 if quick else 2500),
         "far": far(camera, next(streams), per_range),
         "noise": noise_laws(camera, next(streams), per_range, ranges),
-        "tried": tried(camera, next(streams), 10 if quick else 300),
+        "tried": tried(camera, next(streams), 1 if quick else 200),
         "single": single(camera, next(streams), 30 if quick else 1000),
     }
     tree = xr.DataTree.from_dict(parts)
     tree.attrs |= {"title": "Monte Carlo of pose from points", "seed": seed, "quick": int(quick)}
-    out_dir.mkdir(parents=True, exist_ok=True)
-    tree.to_netcdf(out_dir / "montecarlo.nc", engine="h5netcdf")
+    with atomic_write(out_dir / "montecarlo.nc") as temporary:
+        tree.to_netcdf(temporary, engine="h5netcdf")
     figures.write_tables(parts, out_dir)
     figures.write_figures(parts, out_dir)
     return tree

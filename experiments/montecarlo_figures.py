@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from matplotlib.ticker import FixedLocator, NullLocator, ScalarFormatter
 from scipy.stats import expon, halfnorm
 
 from experiments.figures import BLACK, BLUE, GREEN, ORANGE, PURPLE, VERMILION, new_figure, save_svg
+from experiments.files import write_text
 from experiments.pose_errors import QUANTITIES, wilson_interval
 
 Rows = list[tuple[str, ...]]
@@ -74,7 +76,7 @@ def accuracy_rows(performance: xr.Dataset) -> Rows:
     for layout in performance.layout.values:
         for choice in (_LISTING, _RIGHT):
             for range_m in performance.range_m.values:
-                at = performance.sel(layout=layout, range_m=range_m, **choice)
+                at = performance.sel({"layout": layout, "range_m": range_m, **choice})
                 values = [f"{float(at[f'mean_{q}']):.4f} ± {float(at[f'std_{q}']):.4f}" for q in QUANTITIES]
                 rows.append((str(layout), choice["recipe"], choice["solver"], f"{range_m:g}", *values))
     return rows
@@ -124,7 +126,7 @@ def noise_rows(noise: xr.Dataset) -> Rows:
         for law in noise.noise.values
     ]
     for law, layout, choice in chosen:
-        at = noise.sel(noise=law, layout=layout, **choice)
+        at = noise.sel({"noise": law, "layout": layout, **choice})
         rows.append(
             (str(law), str(layout), choice["solver"], *(f"{v:.2f}" for v in 100 * (at.outliers / at.scenes).values))
         )
@@ -146,8 +148,9 @@ def write_tables(parts: Mapping[str, xr.Dataset], out_dir: Path) -> None:
         "noise": noise_rows(parts["noise"]),
     }
     for name, rows in tables.items():
-        with (out_dir / f"montecarlo-{name}.csv").open("w", newline="", encoding="utf-8") as file:
-            csv.writer(file, lineterminator="\n").writerows(rows)
+        text = io.StringIO()
+        csv.writer(text, lineterminator="\n").writerows(rows)
+        write_text(text.getvalue(), out_dir / f"montecarlo-{name}.csv")
 
 
 def performance_figure(performance: xr.Dataset, layout: str) -> Any:
@@ -155,7 +158,7 @@ def performance_figure(performance: xr.Dataset, layout: str) -> Any:
     figure, axes = new_figure(2, 3, (7.4, 4.6), sharex=True)
     styles = ((_LISTING, VERMILION, "o", "as listed, thesis EPnP"), (_RIGHT, BLUE, "s", "as meant, two-start"))
     for choice, colour, marker, label in styles:
-        at = performance.sel(layout=layout, **choice)
+        at = performance.sel({"layout": layout, **choice})
         for axis, (quantity, unit) in zip(axes.flat, QUANTITIES.items(), strict=False):
             axis.plot(at.range_m, at[f"mean_{quantity}"], color=colour, marker=marker, label=f"{label}: mean")
             axis.plot(at.range_m, at[f"std_{quantity}"], color=colour, ls="--", lw=1, label=f"{label}: st. dev.")
@@ -193,14 +196,15 @@ def convergence_figure(convergence: xr.Dataset) -> Any:
             values = np.nan_to_num(at[f"error_{quantity}"].values)
             mean = np.cumsum(values) / np.maximum(kept, 1)
             spread = np.sqrt(np.maximum(np.cumsum(values**2) / np.maximum(kept, 1) - mean**2, 0) / np.maximum(kept, 1))
-            # Every tenth scene: a line of a page's width cannot show more.
-            thin = slice(20, None, max(len(number) // 250, 1))
+            # A hundred points are as many as a panel this wide can show.
+            thin = slice(20, None, max(len(number) // 100, 1))
             axis.fill_between(
                 number[thin], (mean - 2 * spread)[thin], (mean + 2 * spread)[thin], color=colour, alpha=0.2, lw=0
             )
             axis.plot(number[thin], mean[thin], color=colour, label=case)
             axis.set_ylabel(f"mean {quantity} error [{unit}]")
-        axes[1, 2].plot(number, np.cumsum(at.outlier.values), color=colour, drawstyle="steps-post")
+        found = number[at.outlier.values]
+        axes[1, 2].step([0, *found, number[-1]], [*range(len(found) + 1), len(found)], where="post", color=colour)
     axes[1, 2].set_ylabel("outliers so far [1]")
     for axis in axes[1]:
         axis.set_xlabel("scenes n [1]")
@@ -227,7 +231,7 @@ def validation_figure(convergence: xr.Dataset, far: xr.Dataset) -> Any:
     left.set_ylabel("probability density [1/deg]")
     left.legend(fontsize=8)
     for choice, colour, marker in ((_LISTING, VERMILION, "o"), (_RIGHT, BLUE, "s")):
-        at = far.sel(layout="random", **choice)
+        at = far.sel({"layout": "random", **choice})
         right.loglog(at.range_m, at.mean_pitch, color=colour, marker=marker, label=f"pitch [deg], {choice['solver']}")
         right.loglog(
             at.range_m,
@@ -255,14 +259,14 @@ def outlier_figure(performance: xr.Dataset) -> Any:
         ("listing", "thesis EPnP", "outliers", "as listed, as the listing counts", VERMILION, "o", "-"),
         ("listing", "thesis EPnP", "wrong", "as listed, truly wrong", ORANGE, "^", "--"),
         ("listing", "closed", "wrong", "the same without Gauss-Newton", PURPLE, "v", "-."),
-        ("right", "EPnP", "outliers", "as meant, EPnP of the paper", GREEN, "D", ":"),
+        ("right", "EPnP", "outliers", "as meant, EPnP of the paper (beneath)", GREEN, "D", ":"),
         ("right", "two-start", "outliers", "as meant, two-start", BLUE, "s", "-"),
     )
     for recipe, solver, count, label, colour, marker, style in lines:
         at = performance.sel(recipe=recipe, layout="flat", solver=solver)
         _rate_line(left, at.range_m.values, at[count].values, at.scenes.values, colour, marker, label, style)
     left.axhline(47, color=BLACK, lw=0.8, ls=":")
-    left.annotate("printed: 47 %", (1, 48.5), fontsize=7)
+    left.annotate("printed: 47 %", (1, 41), fontsize=7)
     left.set(xlabel="range [m]", ylabel="poses [%]", ylim=(-3, 103), xticks=[1, 5, 10, 15, 20])
     figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=7)
     solvers = [str(s) for s in performance.solver.values]
@@ -277,7 +281,7 @@ def outlier_figure(performance: xr.Dataset) -> Any:
         right.barh(place + shift, percent, 0.38, color=colour, label=label)
         for y, value in zip(place + shift, percent, strict=True):
             right.text(value + 1, y, f"{value:.2f}", va="center", fontsize=7)
-    right.set_yticks(place, solvers)
+    right.set_yticks(place, ["thesis EPnP,\nclosed form" if s == "closed" else s for s in solvers])
     right.invert_yaxis()
     right.grid(axis="y", visible=False)
     right.set(xlabel="wrong poses, the listing's angle order [%]", xlim=(0, 118))

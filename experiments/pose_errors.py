@@ -20,7 +20,7 @@ Criterion = Literal["geodesic", "listing"]
 
 @dataclass(frozen=True)
 class Errors:
-    """Errors of n poses. NaN without a pose. `attitude_rad` is geodesic; `absolute` has the five of `QUANTITIES` in their units."""
+    """Errors of n poses, NaN without a pose: `attitude_rad` geodesic, `absolute` the five of `QUANTITIES` in their units."""
 
     attitude_rad: FloatArray
     absolute: dict[str, FloatArray]
@@ -45,8 +45,8 @@ class Errors:
     def outliers(self, criterion: Criterion) -> BoolArray:
         """Wrong poses (n,), those without a pose among them.
 
-        'geodesic': attitude off by more than 10°, or range by more than 5 %. 'listing': range off by more than itself, or the angle it calls
-        roll by more than 60°; flips in the other two angles are no outliers there.
+        'geodesic': attitude off by more than 10°, or range by more than 5 %. 'listing': range off by more than itself, or
+        the angle it calls roll by more than 60°; flips in the other two angles are no outliers there.
         """
         relative = self.absolute["range"] / self.range_m
         if criterion == "listing":

@@ -108,13 +108,16 @@ def marker_layout(kind: Literal["wide", "narrow"], flat: bool = False, as_listed
     return Layout("flat" if flat else kind, np.concatenate(points), np.concatenate(virtual))
 
 
-def single_marker(size_m: float, virtual_points: Literal[0, 1, 4]) -> Layout:
+def single_marker(size_m: float, virtual_points: int) -> Layout:
     """One marker: an ArUco of half its width, and virtual points a quarter of its width behind the face.
 
-    One virtual point lies at the centre; four at ±1/8 of the marker's width (a quarter of an element's length off its centre).
+    `virtual_points` is 0, 1 or 4. One lies at the centre; four lie at ±1/8 of the marker's width, a quarter of an element's
+    length off its centre.
     """
     half = size_m / 4
     corners = np.array([[-half, half, 0], [half, half, 0], [half, -half, 0], [-half, -half, 0]])
+    if virtual_points not in (0, 1, 4):
+        raise ValueError(f"virtual_points: {virtual_points}; expected 0, 1 or 4")
     offset = {0: np.zeros((0, 2)), 1: np.zeros((1, 2)), 4: np.array([[-1, 1], [1, 1], [1, -1], [-1, -1]]) * size_m / 8}[
         virtual_points
     ]

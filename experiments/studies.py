@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from experiments.cli import Options, announce_variant, shared_options, with_progress
+from experiments.cli import Options, RequirementNotMet, announce_variant, shared_options, with_progress
 
 
 @click.group(no_args_is_help=False)
@@ -20,10 +20,9 @@ def sensor() -> None:
 @shared_options
 def emva1288(options: Options, scenario: str | None, preset: str | None) -> None:
     """Write an EMVA 1288 photon-transfer data set (--out FOLDER) and print the datasheet that its analysis gives."""
-    from rich.table import Table
-
     from detector import emva1288 as emva
     from detector.sensor import presets
+    from experiments.console import plain_table
 
     chosen = options.scenario(scenario)
     device, camera = chosen.sensor, chosen.camera
@@ -35,11 +34,7 @@ def emva1288(options: Options, scenario: str | None, preset: str | None) -> None
         raise click.UsageError("sensor emva1288: give --out FOLDER")
     written = emva.write_dataset(device, options.out, seed=chosen.seed, pixel_area_m2=camera.pixel_area_m2)
     rows = emva.datasheet(emva.characterise(written))
-    table = Table(title="EMVA 1288 datasheet, from the images")
-    for heading in ("Quantity", "Symbol", "Value", "Unit"):
-        table.add_column(heading, justify="right" if heading == "Value" else "left")
-    for row in rows:
-        table.add_row(*map(str, row))
+    table = plain_table("EMVA 1288 datasheet, from the images", ("Quantity", "Symbol", "Value", "Unit"), *rows)
     options.say(table, f"Data set: {written}")
     options.emit(
         {
@@ -165,7 +160,87 @@ def errata(options: Options) -> None:
     options.emit(errata_page.facts(dataset))
 
 
+@click.command()
+@click.argument("scenario", required=False)
+@click.option("--quick", is_flag=True, help="16 geometries instead of 180: a first look within a minute.")
+@click.option(
+    "--require", type=click.Choice(["agrees"]), help="Exit status 4 where a cell or a cross-check is outside."
+)
+@shared_options
+def validate(options: Options, scenario: str | None, quick: bool, require: str | None) -> None:
+    """Closed form against rendering over range, marker size, tilt, light and sensor, with an error budget and cross-checks.
+
+    SCENARIO gives camera, LEDs and materials. Writes results.nc, cells.csv, crosschecks.csv and two figures into the folder --out
+    (default out/validate).
+    """
+    from experiments import crosscheck, validate_tables
+    from experiments import validate as study
+
+    chosen, out = options.scenario(scenario), options.out or Path("out/validate")
+    announce_variant(options)
+    dataset = with_progress(options, lambda tell: study.run(out, quick, tell, scenario=chosen))
+    checks, indirect = crosscheck.run(chosen, out)
+    options.say(*validate_tables.tables(dataset, checks, indirect), f"Table, data and figures: {out}")
+    outside = [
+        *study.outside(dataset),
+        *(f"{c.what} differs from {c.by} by {c.difference:.2%}" for c in checks if not c.agrees),
+    ]
+    options.emit(
+        {"summary": validate_tables.summary(dataset), "outside": outside, "crosschecks": {c.what: c.difference for c in checks},
+         "indirect": indirect, "out": out}
+    )  # fmt: skip
+    if require and outside:
+        raise RequirementNotMet(f"{len(outside)} outside, first: {outside[0]}")
+
+
+@click.command()
+@click.argument("problem", metavar="[PROBLEM.toml]", required=False, type=click.Path(path_type=Path))
+@shared_options
+def tradeoff(options: Options, problem: Path | None) -> None:
+    """Analytic hierarchy process: the thesis's chapter 4 cell by cell, or the decision problem of a TOML file.
+
+    Writes scores, sensitivities and figures into the folder --out (default out/tradeoff).
+    """
+    from experiments import tradeoff as study
+    from experiments.console import plain_table
+
+    out = options.out or Path("out/tradeoff")
+    result = study.run(out, problem)
+    rows = {"Scores": study.summary_rows(result)}
+    if problem is None:
+        rows["The thesis's printed cells, by verdict"] = study.verdict_rows(study.thesis_cells())
+    options.say(*(plain_table(title, *lines) for title, lines in rows.items()), f"Figures and data: {out}")
+    options.emit(
+        {
+            "out": out,
+            **{title: [dict(zip(lines[0], r, strict=False)) for r in lines[1:]] for title, lines in rows.items()},
+        }
+    )
+
+
+@click.command()
+@click.option("--quick", is_flag=True, help="A fiftieth of the scenes, at four ranges.")
+@shared_options
+def montecarlo(options: Options, quick: bool) -> None:
+    """Pose from points over random scenes: the thesis's Monte Carlo as listed and as meant, solver by solver.
+
+    Takes some ten minutes in full. Writes tables, figures and montecarlo.nc into the folder --out (default out/montecarlo).
+    """
+    from experiments import montecarlo as study
+    from experiments.console import plain_table
+    from experiments.montecarlo_figures import summary_rows
+
+    out = options.out or Path("out/montecarlo")
+    tree = study.run(out, 1 if options.seed is None else options.seed, quick)
+    header, *rows = summary_rows({"performance": tree["performance"].to_dataset()})
+    options.say(plain_table("Outliers of pose from points", header, *rows), f"Tables, figures and data: {out}")
+    options.emit({"out": out, "outliers": [dict(zip(header, row, strict=True)) for row in rows]})
+
+
 VERBS: tuple[click.Command, ...] = (
+    tradeoff,
+    montecarlo,
+    validate,
     errata,
     sweep,
     cache,

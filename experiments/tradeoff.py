@@ -21,6 +21,7 @@ import xarray as xr
 
 from experiments.ahp import MODES, DecisionProblem, FloatArray, decide, load_problem
 from experiments.figures import BLACK, COLOURS, new_figure, save_svg
+from experiments.files import write_netcdf, write_text
 
 THESIS_PROBLEM = Path(__file__).parent / "data" / "tradeoff_thesis.toml"
 
@@ -235,7 +236,7 @@ def weight_figure(result: xr.Dataset, mode: str = "ideal") -> Any:
 
 def summary_rows(result: xr.Dataset) -> list[tuple[str, ...]]:
     """Header, then one row an alternative, best of the ideal mode first: scores [%] and ranks in both modes."""
-    rows: list[tuple[str, ...]] = [("alternative", "ideal [%]", "rank", "distributive [%]", "rank")]
+    rows: list[tuple[str, ...]] = [("alternative", "ideal [%]", "ideal rank", "distributive [%]", "distributive rank")]
     order = result["rank"].sel(mode="ideal").argsort().values
     for alternative in result.alternative.values[order]:
         row: list[str] = [str(alternative)]
@@ -262,10 +263,9 @@ def run(out_dir: Path, problem_path: Path | None = None) -> xr.Dataset:
     """
     problem: DecisionProblem = load_problem(problem_path or THESIS_PROBLEM)
     result = decide(problem)
-    out_dir.mkdir(parents=True, exist_ok=True)
-    result.to_netcdf(out_dir / "tradeoff.nc", engine="h5netcdf")
+    write_netcdf(result, out_dir / "tradeoff.nc")
     save_svg(score_figure(result), out_dir / "tradeoff-scores.svg")
     save_svg(weight_figure(result), out_dir / "tradeoff-weights.svg")
     if problem_path is None:
-        (out_dir / "tradeoff-cells.csv").write_text(cells_csv(thesis_cells()), encoding="utf-8")
+        write_text(cells_csv(thesis_cells()), out_dir / "tradeoff-cells.csv")
     return result

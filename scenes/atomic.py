@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import secrets
 from collections.abc import Iterator
@@ -16,6 +17,8 @@ def atomic_write(path: Path | str) -> Iterator[Path]:
     The parent folder is created. The temporary name keeps the suffix, by which many writers choose their format.
     """
     path = Path(path)
+    if path.is_dir():  # else the temporary name would be blamed
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.stem}.{secrets.token_hex(4)}{path.suffix}")
     try:

@@ -26,7 +26,7 @@ DEFAULT_LIMIT_BYTES = 4 * 2**30
 #: Source files whose change makes every cached basis stale.
 _CODE = {
     "scenes": ("transport.py", "stock.py", "marker.py", "target.py"),
-    "materials": ("brdf.py", "library.py", "plugins.py"),
+    "materials": ("brdf.py", "datafile.py", "library.py", "plugins.py"),
     "radiometry": ("geometry.py", "optics.py", "sources.py"),
 }
 
@@ -65,9 +65,7 @@ def key(view: View, quality: Quality, variant: str) -> str:
         **{name: getattr(view, name).model_dump(mode="json") for name in ("marker", "target", "sun")},
         "range_m": view.range_m,
         "nodes_nm": view.nodes_nm,
-        "own_materials": [
-            hashlib.sha256(Path(name).read_bytes()).hexdigest() for name in view.target.materials if library.is_path(name)
-        ],
+        "own_materials": [library.fingerprint(name) for name in view.target.materials if library.is_path(name)],
     }
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:32]
 

@@ -30,8 +30,8 @@ Scene of the Mantis Marker for stock Mitsuba 3.9, one file per light. Lengths ar
     plugins.register()
     image = mi.render(mi.load_file("led.xml"), spp=64)
 
-The image is {height} x {width}: radiance integrated over {low:g}-{high:g} nm, without the filter's curve. Its pixels are square and
-as wide as the camera's columns.
+The image is {height} x {width}: radiance integrated over {low:g}-{high:g} nm, without the filter's curve. Its pixels are
+square and as wide as the camera's columns.
 """
 
 

@@ -5,7 +5,10 @@ A layer is one channel, ``<light>.nm<wavelength>``, say ``led.nm0850``.
 
 from __future__ import annotations
 
+import os
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 
 import numpy as np
@@ -44,7 +47,8 @@ def read_basis(path: Path | str) -> TransportBasis:
             found.setdefault(match[1], {})[int(match[2])] = image
     if set(found) != set(UNITS):
         raise ValueError(
-            f"{path}: layers {', '.join(sorted(channels)) or 'none'}; expected led.nmNNNN and sun.nmNNNN, as `mantis render` writes them"
+            f"{path}: layers {', '.join(sorted(channels)) or 'none'}; expected led.nmNNNN and sun.nmNNNN, "
+            "as `mantis render` writes them"
         )
     nodes = tuple(sorted(found["led"]))
     if tuple(sorted(found["sun"])) != nodes:
@@ -70,6 +74,19 @@ def write_channels(
         file.write(str(temporary))
 
 
+@contextmanager
+def _silence() -> Iterator[None]:
+    """Swallow what the library prints about damaged files, on both streams, before it raises an exception about them."""
+    with Path(os.devnull).open("w") as sink, redirect_stdout(sink):
+        kept = os.dup(2)
+        os.dup2(sink.fileno(), 2)
+        try:
+            yield
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
+
+
 def read_channels(path: Path | str) -> tuple[dict[str, NDArray[np.float32]], dict[str, str | float]]:
     """All channels as float32 and this project's attributes, without their prefix.
 
@@ -82,7 +99,7 @@ def read_channels(path: Path | str) -> tuple[dict[str, NDArray[np.float32]], dic
     if not Path(path).is_file():
         raise FileNotFoundError(f"{path}: no such file")
     try:
-        with OpenEXR.File(str(path), separate_channels=True) as file:
+        with _silence(), OpenEXR.File(str(path), separate_channels=True) as file:
             header = dict(file.header())  # a copy: the binding empties its own on closing
             channels = {name: np.array(channel.pixels, dtype=np.float32) for name, channel in file.channels().items()}
     except Exception as error:  # the binding raises bare RuntimeErrors and ValueErrors of many texts

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 from typing import Annotated
 
 import cv2
@@ -191,8 +192,8 @@ class MarkerDesign(BaseModel):
         edges = np.unique(
             np.round(np.concatenate([s * np.array([half, ring, near, far, end]) for s in (-1, 1)] + [bit_edges]), 12)
         )
-        for x0, x1 in zip(edges[:-1], edges[1:], strict=True):
-            for y0, y1 in zip(edges[:-1], edges[1:], strict=True):
+        for x0, x1 in pairwise(edges):
+            for y0, y1 in pairwise(edges):
                 x, y = abs(x0 + x1) / 2, abs(y0 + y1) / 2
                 if (near < y < far and x < end) or (near < x < far and y < end):
                     continue

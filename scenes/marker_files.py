@@ -165,5 +165,5 @@ def tape_sheet(marker: MarkerDesign) -> str:
         f"<title>Retroreflective tape of a {size:g} mm Mantis Marker, true to scale</title>\n"
         f'<rect x="0" y="0" width="{size:.4f}" height="{size:.4f}" fill="none" stroke="#888" stroke-width="0.1"/>\n'
         f'<g fill="#bbb" stroke="none">\n' + "\n".join(rectangles) + "\n</g>\n"
-        f'<g font-family="sans-serif" font-size="4">\n' + "\n".join(labels) + "\n</g>\n</svg>\n"
+        '<g font-family="sans-serif" font-size="4">\n' + "\n".join(labels) + "\n</g>\n</svg>\n"
     )

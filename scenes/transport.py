@@ -136,7 +136,7 @@ def render_basis(view: View, quality: Quality | None = None) -> TransportBasis:
 
 
 def marker_region(view: View, rays: int, margin_px: int = 4) -> Region | None:
-    """The marker's bounding box in whole pixels, sampled as densely as `rays` allow (2 to 48 per side); None outside the frame."""
+    """The marker's bounding box in whole pixels, as dense as `rays` allow (2 to 48 per side); None outside the frame."""
     half, back = view.marker.size_m / 2, -view.marker.thickness_m
     box = np.array([[x, y, z] for x in (-half, half) for y in (-half, half) for z in (0.0, back)])
     image = view.to_image(box)
@@ -181,7 +181,8 @@ def _stock_subpixels(scene: Any, view: View, region: Region, pad: int, seed: int
     from scenes.stock import render_subpixels
 
     materials = [library.load(name) for name in view.target.materials]
-    flat = all(np.ptp(s.values) == 0 for m in materials for s in (m.diffuse, m.gloss, m.retro))
+    # A change of albedo smaller than this over the band is not worth a rendering at each node.
+    flat = all(np.ptp(s(view.nodes_nm)) <= 0.002 for m in materials for s in (m.diffuse, m.gloss, m.retro))
     fx, fy = view.camera.focal_px
     steps = (1 / region.samples, fy / fx / region.samples)
     for light in LIGHTS:

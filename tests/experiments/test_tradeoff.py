@@ -134,7 +134,6 @@ def test_bad_problem_is_refused_with_its_reason(tmp_path: Path, old: str, new: s
 
 
 def test_run_writes_dataset_figures_and_table_for_another_problem_too(tmp_path: Path) -> None:
-    pytest.importorskip("h5py")
     problem = tmp_path / "two.toml"
     problem.write_text(
         """
