@@ -24,9 +24,10 @@ from scenes.marker import Element, MarkerDesign
 MAX_PIXELS = 500
 #: Gauss–Newton steps from the nearest of the starting positions, three quarters of a slit pitch apart.
 STEPS = 3
-#: What the slit model leaves in a blob without any noise, standard deviation [px]: measured on noiseless synthetic
-#: frames, 0.004–0.010 px with the light at the lens, 0.01–0.03 px with it on a ring of 40 mm radius.
-MODEL_SIGMA_PX = 0.015
+#: What the slit model leaves in a blob without any noise, standard deviation: a part in pixels, and a part in slit
+#: pitches at 1 m that falls with the range, as the lights stand beside the lens and not in it. Measured on ray-traced
+#: frames with a ring of 50 mm radius, at 1 to 10 m: 0.1, 0.03, 0.012 and below 0.012 px at 1, 2, 4 and beyond.
+MODEL_SIGMA_PX, MODEL_SIGMA_PITCH_M = 0.01, 0.02
 #: A blob is found where it lowers chi-square by this much: five standard deviations.
 DETECTION_CHI2 = 25.0
 #: Largest part of the blob's light that may be lost at the element's end.
@@ -66,7 +67,7 @@ class _ElementImage:
         self.gain = 0.0  # chi-square the rough position gains, where most of the blob is in the opening
         if not self.whole or self.count < 8:
             return
-        self.marker, self.element, self.fit = marker, element, fit
+        self.marker, self.element, self.fit, self.range_m = marker, element, fit, range_m
         seen = PixelSet(pixels, fit.matrix, sigma_px)
         axis = int(np.abs(along[1]) > 0.5)
         sigma_u, sigma_v = (seen.sigma_x, seen.sigma_y) if axis == 0 else (seen.sigma_y, seen.sigma_x)
@@ -138,7 +139,9 @@ class _ElementImage:
         element, half = self.element, self.marker.aruco_m / 2
         ends = (element.centre_m + (u + np.array([[0.0], [delta]])) * element.along)[:, :2] / half
         position, beside = project(self.fit.matrix, ends)
-        sigma = np.hypot(np.sqrt(variance) * np.linalg.norm(beside - position) / delta, MODEL_SIGMA_PX)
+        scale = float(np.linalg.norm(beside - position)) / delta  # [px/m]
+        model = np.hypot(MODEL_SIGMA_PX, MODEL_SIGMA_PITCH_M / self.range_m * pitch * scale)
+        sigma = np.hypot(np.sqrt(variance) * scale, model)
         return Blob(u, position, float(sigma), unexplained)
 
     def weigh(self, mean_dn: FloatArray) -> None:

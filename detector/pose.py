@@ -166,7 +166,7 @@ class _Problem:
             rotation[up], translation[up], cost[up] = turned[better], moved[better], new[better]
             residual[up], jacobian[up] = trial[better], slope[better]
             damping[a] = np.where(better, damping[a] / 10, damping[a] * 10)
-            active[a[(better & settled) | (damping[a] > 1e8)]] = False
+            active[a[settled | (damping[a] > 1e8)]] = False
         return rotation, translation, cost
 
 

@@ -19,23 +19,34 @@ from detector.features import Features, detect_features
 from detector.noise import NoiseModel
 from detector.pose import Pose, solve_pose
 from detector.sensor import Frame, Sensor, expose
+from experiments.frame_light import mean_frame_rate
+from experiments.rectify import ideal_camera, in_the_image, rectified
 from experiments.scenario import Scenario
-from experiments.visible_tape import visible_tape
+from experiments.visible_marker import hidden_face, visible_tape
 from materials import library
-from radiometry import link
+from radiometry import link, stray
+from radiometry.earth import earth_transport
 from radiometry.geometry import FloatArray, rotation_angle
-from radiometry.optics import electron_responsivity, node_weights, wavelength_nodes
+from radiometry.optics import camera_at, electron_responsivity, node_weights, wavelength_nodes
 from radiometry.spectrum import Spectrum
-from scenes.transport import Quality, TransportBasis, View, render_basis
+from scenes.transport import AFTER_TRANSPORT, Quality, TransportBasis, View, render_basis
 
 #: Which lights shine in each illumination.
 LIGHTS_ON = {"eclipse": ("led",), "sun": ("led", "sun")}
 
 
+def lights_on(scenario: Scenario, light: str) -> tuple[str, ...]:
+    """Lights that shine in an illumination; the sunlit Earth with the Sun, where the scenario has one."""
+    return (*LIGHTS_ON[light], "earth") if light == "sun" and scenario.earth is not None else LIGHTS_ON[light]
+
+
 def view(scenario: Scenario) -> View:
-    """The part of a scenario that changes transport."""
+    """The part of a scenario that changes transport; its camera's point spread is the whole blur at the range."""
     nodes = wavelength_nodes(scenario.filter.spectrum(), scenario.render.wavelength_nodes)
-    return View(scenario.camera, scenario.marker, scenario.target, scenario.leds, scenario.sun, scenario.range_m, nodes)
+    return View(
+        camera_at(scenario.camera, scenario.range_m, scenario.filter.centre_nm),
+        scenario.marker, scenario.target, scenario.leds, scenario.sun, scenario.range_m, nodes, scenario.earth,
+    )  # fmt: skip
 
 
 def transport(scenario: Scenario) -> TransportBasis:
@@ -49,9 +60,12 @@ def transport(scenario: Scenario) -> TransportBasis:
 def geometry_digest(scenario: Scenario) -> str:
     """Hash of what changes transport, 16 hexadecimal digits; source powers and spectra are left out."""
     leds = scenario.leds.model_dump(include={"count", "ring_radius_m", "half_angle_deg"})
-    camera = scenario.camera.model_dump(exclude={"f_number", "lens_transmission"})
-    parts = [scenario.range_m, view(scenario).nodes_nm, leds, camera]
+    seen = view(scenario)
+    camera = seen.camera.model_dump(exclude=set(AFTER_TRANSPORT))
+    earth = scenario.earth and scenario.earth.model_dump(exclude={"albedo"})
+    parts = [scenario.range_m, seen.nodes_nm, leds, camera, earth]
     parts += [part.model_dump(mode="json") for part in (scenario.marker, scenario.target, scenario.sun)]
+    parts += [library.fingerprint(name) for name in scenario.target.materials]
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:16]
 
 
@@ -72,7 +86,7 @@ def check_geometry(scenario: Scenario, basis: TransportBasis, name: object) -> N
     if known is not None and known != geometry_digest(scenario):
         raise ValueError(
             f"{name}: rendered from another geometry (range {basis.attributes.get('range_m', 0):g} m, the scenario has "
-            f"{scenario.range_m:g} m; or camera, marker, target, LED ring, Sun or filter band differ)"
+            f"{scenario.range_m:g} m; or camera, marker, target, LED ring, Sun, Earth or filter band differ)"
         )
 
 
@@ -93,8 +107,10 @@ def provenance(scenario: Scenario) -> dict[str, str | float]:
 
 
 def strengths(scenario: Scenario) -> dict[str, Spectrum]:
-    """Spectral strength of each light: the ring's intensity [W sr⁻¹ nm⁻¹], the Sun's irradiance [W m⁻² nm⁻¹]."""
-    return {"led": scenario.leds.spectral_intensity(), "sun": scenario.sun.irradiance()}
+    """Spectral strength of each light: the ring's intensity [W sr⁻¹ nm⁻¹], the Sun's irradiance [W m⁻² nm⁻¹], the Earth's
+    radiance [W m⁻² sr⁻¹ nm⁻¹] where there is one."""
+    earth = {} if scenario.earth is None else {"earth": scenario.earth.radiance(scenario.sun)}
+    return {"led": scenario.leds.spectral_intensity(), "sun": scenario.sun.irradiance(), **earth}
 
 
 def responsivity(scenario: Scenario, incidence_rad: float = 0.0) -> Spectrum:
@@ -106,16 +122,19 @@ def responsivity(scenario: Scenario, incidence_rad: float = 0.0) -> Spectrum:
 def electron_rate(scenario: Scenario, basis: TransportBasis, light: str) -> FloatArray:
     """Photo-electrons per second of every pixel, (height, width), in an illumination ('eclipse' or 'sun').
 
+    The lens's glare is spread, and stray light of the Sun added, last.
+
     Raises:
-        ValueError: when the basis is not of the camera's size.
+        ValueError: when the basis is not of the camera's size, or lacks a light that the scenario has.
     """
     camera, strength = scenario.camera, strengths(scenario)
     shape = (camera.height_px, camera.width_px)
-    falloff = camera.relative_illumination()
-    sine2 = 1 - np.sqrt(falloff)
+    sine2 = 1 - np.sqrt(camera.natural_falloff())
     table = _incidence_table(scenario, float(sine2.max()))
     rate = np.zeros(shape)
-    for source in LIGHTS_ON[light]:
+    for source in lights_on(scenario, light):
+        if source not in basis.layers:
+            raise ValueError(f"transport basis has no {source} layers; render it again with the scenario's [{source}]")
         images = basis.layers[source]
         if images.shape[1:] != shape:
             raise ValueError(
@@ -130,7 +149,19 @@ def electron_rate(scenario: Scenario, basis: TransportBasis, light: str) -> Floa
             for image, weight in zip(images, weights.T, strict=True):
                 rate += np.interp(sine2, table, weight) * image
     # The weights of the outer nodes can be negative, so a black pixel may come out at minus a rounding error.
-    return np.maximum(rate, 0.0) * falloff
+    rate = np.maximum(rate, 0.0) * camera.relative_illumination()
+    if camera.veiling_glare > 0:
+        rate = stray.veiled(rate, camera.veiling_glare)
+    return rate + sun_stray_rate(scenario) if light == "sun" and camera.point_source_transmittance else rate
+
+
+def sun_stray_rate(scenario: Scenario) -> float:
+    """Electrons per second that a Sun outside the field adds to every pixel; its angle from the axis is π − phase."""
+    angle = np.pi - np.radians(scenario.sun.phase_deg)
+    quantum_efficiency = scenario.sensor.qe_spectrum()
+    return stray.stray_rate(
+        scenario.camera, angle, scenario.sun.irradiance(), scenario.filter.spectrum(), quantum_efficiency
+    )
 
 
 def _incidence_table(scenario: Scenario, largest: float) -> FloatArray:
@@ -194,58 +225,82 @@ def bit_scale_px(scene_view: View) -> tuple[float, float]:
     )
 
 
-def link_budget(scenario: Scenario, light: str) -> LinkBudget:
-    """The closed-form budget of the scenario's range in an illumination."""
+def link_budget(scenario: Scenario, light: str, mean_rate: float | None = None) -> LinkBudget:
+    """The closed-form budget of the scenario's range in an illumination.
+
+    Args:
+        mean_rate: electrons per second and pixel of the whole frame, for veiling glare to spread; absent, the closed form's own
+            estimate.
+    """
     scene_view, marker, target = view(scenario), scenario.marker, scenario.target
     response, strength = responsivity(scenario), strengths(scenario)
     wavelength = link.band_grid(response)
     viewer = scene_view.to_marker(np.zeros(3))
     leds = scene_view.to_marker(scenario.leds.positions_m())
-    falloff = scenario.camera.relative_illumination()
+    falloff, sources = scenario.camera.relative_illumination(), lights_on(scenario, light)
 
-    def rate(points_m: FloatArray, material: str) -> FloatArray:
-        brdf = library.load(material).brdf
-        transports = {
-            "led": link.ring_transport(points_m, viewer, leds, scene_view.rotation[2], scenario.leds, brdf, wavelength)
-        }
-        if "sun" in LIGHTS_ON[light]:
-            transports["sun"] = link.sun_transport(points_m, viewer, scene_view.sun_in_marker, brdf, wavelength)
-        total = sum(link.electron_rate(t, wavelength, strength[source], response) for source, t in transports.items())
+    def rate(points_m: FloatArray, material: str, lights: tuple[str, ...]) -> FloatArray:
+        brdf, total = library.load(material).brdf, np.zeros(len(points_m))
+        for source in lights:
+            if source == "sun":
+                transport = link.sun_transport(points_m, viewer, scene_view.sun_in_marker, brdf, wavelength)
+            elif source == "earth":
+                transport = _earth_transport(scene_view, brdf, wavelength)
+            else:
+                axis = scene_view.rotation[2]
+                transport = link.ring_transport(points_m, viewer, leds, axis, scenario.leds, brdf, wavelength)
+            total += link.electron_rate(transport, wavelength, strength[source], response)
         column, row = np.rint(scene_view.to_image(points_m)).astype(int).T
         return total * falloff[row.clip(0, falloff.shape[0] - 1), column.clip(0, falloff.shape[1] - 1)]
 
-    cells, shares = visible_tape(scene_view)
-    outline = scene_view.to_image(marker.corners_m * (marker.size_m / marker.aruco_m))
+    tape, outlines = visible_tape(scene_view), hidden_face(scene_view)
 
-    def mean_rate(centres_m: FloatArray) -> tuple[float, float]:
+    def mean_over_bits(centres_m: FloatArray) -> tuple[float, float]:
         pixels = [np.column_stack(p[::-1]) for p in bit_pixels(scene_view, centres_m)]
         seen = np.array([len(p) > 0 for p in pixels])
         if not seen.any():
             return np.nan, np.nan
         ends = np.cumsum([len(p) for p in pixels])[:-1]
 
-        def share(quads_px: FloatArray, parts: FloatArray) -> FloatArray:  # mean over each bit's pixels
-            pixel_share = link.reflective_fill(np.concatenate(pixels), quads_px, scenario.camera.psf_sigma_px, parts)
+        def share(polygons_px: FloatArray, parts: FloatArray) -> FloatArray:  # mean over each bit's pixels
+            pixel_share = link.reflective_fill(np.concatenate(pixels), polygons_px, scene_view.camera.psf_sigma_px, parts)
             return np.array([part.mean() for part in np.split(pixel_share, ends) if len(part)])
 
-        fill, on_marker = share(cells, shares), share(outline[None], np.ones(1))
-        tape, black, face = (
-            rate(centres_m[seen], name) for name in (target.tape_material, target.absorber_material, target.face_material)
-        )
-        level = fill * tape + (on_marker - fill) * black + (1 - on_marker) * face
+        fill, centres = share(*tape), centres_m[seen]
+        level = fill * rate(centres, target.tape_material, sources)
+        for source in sources:
+            hidden = share(outlines["sun" if source == "sun" else "led"][None], np.ones(1))
+            level += (hidden - fill) * rate(centres, target.absorber_material, (source,))
+            level += (1 - hidden) * rate(centres, target.face_material, (source,))
         return float(np.mean(level)), float(np.mean(fill))
 
     white, black = marker.white_bit_centres_m(), marker.black_bit_centres_m()
-    signal, fill = mean_rate(white)
+    (signal, fill), (background, _) = mean_over_bits(white), mean_over_bits(black)
+    camera = scenario.camera
+    if camera.veiling_glare > 0:
+        if mean_rate is None:
+            mean_rate = mean_frame_rate(scene_view, lambda points, material: rate(points, material, sources))
+        signal, background = (float(stray.veiled(v, camera.veiling_glare, mean_rate)) for v in (signal, background))
+    if light == "sun" and camera.point_source_transmittance:
+        signal, background = (v + sun_stray_rate(scenario) for v in (signal, background))
     speed = np.radians(scenario.target.tumble_deg_s) * scenario.target.tumble_lever_m
     return LinkBudget(
         scenario.sensor,
         signal,
-        mean_rate(black)[0],
-        float(np.mean(rate(white, scenario.target.tape_material))),
+        background,
+        float(np.mean(rate(white, target.tape_material, sources))),
         float(marker.bit_m * min(bit_scale_px(scene_view))),
         float(link.smear_px(scenario.camera, scenario.range_m, speed, 1.0)),
         fill,
+    )
+
+
+def _earth_transport(scene_view: View, brdf: link.Brdf, wavelength_nm: FloatArray) -> FloatArray:
+    """Earth's light in the closed form: the disc is so far, and so wide, that the marker's centre stands for all of it."""
+    assert scene_view.earth is not None
+    viewer = scene_view.to_marker(np.zeros(3))
+    return earth_transport(
+        viewer / np.linalg.norm(viewer), scene_view.earth_in_marker, scene_view.earth.angular_radius_rad, brdf, wavelength_nm
     )
 
 
@@ -264,7 +319,8 @@ def exposure_s(scenario: Scenario, budget: LinkBudget, exposure: float | str) ->
         raise ValueError(
             f"exposure_s: 'auto' needs a bit in the frame, and none is at {scenario.range_m:g} m; give seconds [s]"
         )
-    return float(np.clip(charge / rate if rate > 0 else np.inf, auto.shortest_s, auto.longest_s))
+    longest = min(auto.longest_s, scenario.leds.longest_pulse_s)
+    return float(np.clip(charge / rate if rate > 0 else np.inf, min(auto.shortest_s, longest), longest))
 
 
 def frame_generator(scenario: Scenario, light: str, seconds: float, trial: int = 0) -> np.random.Generator:
@@ -297,7 +353,7 @@ class Sighting:
 
 
 def look(scenario: Scenario, image: NDArray[Any]) -> Sighting:
-    """Find the scenario's marker in an image and solve its pose.
+    """Find the scenario's marker in an image and solve its pose; a distorted lens's image is rectified first.
 
     Raises:
         ValueError: when the image is not two-dimensional, of another size than the camera's, or holds NaN or infinity.
@@ -307,8 +363,12 @@ def look(scenario: Scenario, image: NDArray[Any]) -> Sighting:
         raise ValueError(
             f"image is {'×'.join(map(str, image.shape[::-1]))} px, the camera {camera.width_px}×{camera.height_px} px"
         )
-    features = detect_features(image, scenario.marker, camera, noise_model(scenario, image))
-    return Sighting(features, solve_pose(features, scenario.marker, camera) if features.detected else None)
+    noise, camera = noise_model(scenario, image), view(scenario).camera
+    ideal = ideal_camera(camera) if camera.distorted else camera
+    seen = rectified(image, camera, ideal, noise) if camera.distorted else image
+    features = detect_features(seen, scenario.marker, ideal, noise)
+    pose = solve_pose(features, scenario.marker, ideal) if features.detected else None
+    return Sighting(in_the_image(features, camera, ideal) if camera.distorted else features, pose)
 
 
 def pose_errors(scenario: Scenario, pose: Pose | None) -> tuple[float, float]:
@@ -344,5 +404,6 @@ def bit_pixels(scene_view: View, centres_m: FloatArray) -> list[tuple[NDArray[np
 def on_plane(scene_view: View, image_px: FloatArray) -> FloatArray:
     """Marker-plane coordinates (n, 2) [m] of image positions (n, 2)."""
     homography = scene_view.camera.matrix @ np.column_stack([scene_view.rotation[:, :2], scene_view.translation_m])
-    points = np.column_stack([image_px, np.ones(len(image_px))]) @ np.linalg.inv(homography).T
+    ideal_px = scene_view.camera.undistort_px(image_px)
+    points = np.column_stack([ideal_px, np.ones(len(ideal_px))]) @ np.linalg.inv(homography).T
     return points[:, :2] / points[:, 2:]

@@ -11,8 +11,9 @@ import json
 import tomllib
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from detector.sensor import Sensor
@@ -20,8 +21,9 @@ from experiments.presets import SECTIONS, clear_for_preset, expand, presets
 from materials import library
 from radiometry.closure import Requirement
 from radiometry.filters import Bandpass
-from radiometry.optics import Camera
-from radiometry.sources import LedRing, Sun
+from radiometry.geometry import sun_direction
+from radiometry.optics import Camera, camera_at
+from radiometry.sources import Earth, LedRing, Sun
 from scenes.marker import MarkerDesign
 from scenes.target import Target
 
@@ -108,6 +110,7 @@ class Scenario(BaseModel):
     sensor: Sensor = Sensor()
     leds: LedRing = LedRing()
     sun: Sun = Sun()
+    earth: Earth | None = Field(None, description="the sunlit Earth beside the Sun; absent: none")
     marker: MarkerDesign = MarkerDesign()
     target: Target = Target()
     auto_exposure: AutoExposure = AutoExposure()
@@ -129,6 +132,34 @@ class Scenario(BaseModel):
                 raise ValueError(f"target.{key}: {error}") from None
         if self.marker.size_m > self.target.face_m:
             raise ValueError(f"marker.size_m: {self.marker.size_m:g} m exceeds target.face_m, {self.target.face_m:g} m")
+        for range_m in {self.range_m, *self.budget.ranges_m}:
+            try:
+                camera_at(self.camera, range_m, self.filter.centre_nm)
+            except ValueError as error:
+                raise ValueError(f"camera.{error}") from None
+        return self
+
+    @model_validator(mode="after")
+    def _sun_before_earth(self) -> Scenario:
+        if self.earth is None:
+            return self
+        towards = [sun_direction(np.radians(s.phase_deg), np.radians(s.azimuth_deg)) for s in (self.sun, self.earth)]
+        apart_deg = np.degrees(np.arccos(np.clip(towards[0] @ towards[1], -1, 1)))
+        if apart_deg < self.earth.angular_radius_deg:
+            raise ValueError(
+                f"earth: its disc of {self.earth.angular_radius_deg:g} deg hides the Sun, {apart_deg:.1f} deg from its centre; "
+                "expected the Sun outside it [deg]"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _pulses_that_leds_stand(self) -> Scenario:
+        for key, exposures in (("exposure_s", (self.exposure_s,)), ("budget.exposures_s", self.budget.exposures_s)):
+            longest = max((e for e in exposures if not isinstance(e, str)), default=0.0)
+            if not self.leds.pulse_allowed(longest):
+                raise ValueError(
+                    f"{key}: {longest:g} s, expected at most leds.longest_pulse_s, {self.leds.longest_pulse_s:g} s"
+                )
         return self
 
     def digest(self) -> str:
@@ -287,7 +318,9 @@ def _model_at(location: list[Any], root: type[BaseModel]) -> type[BaseModel] | N
         field = model.model_fields.get(part) if isinstance(model, type) and issubclass(model, BaseModel) else None
         if field is None:
             return None
-        model = field.annotation
+        # A section that may be absent is a union with None.
+        kinds = [kind for kind in get_args(field.annotation) if kind is not type(None)]
+        model = kinds[0] if len(kinds) == 1 else field.annotation
     return model if isinstance(model, type) and issubclass(model, BaseModel) else None
 
 

@@ -138,6 +138,8 @@ def render(options: Options, scenario: str | None, export: Path | None) -> None:
         raise click.UsageError("render: give --out FILE.exr, --export FOLDER, or both")
     if options.out is not None and options.out.suffix.lower() != ".exr":
         raise click.UsageError(f"--out {options.out}: expected a name that ends in .exr")
+    if options.out is not None:
+        _ready_folder(options.out.parent)
     announce_variant(options)
     if export is not None:
         from scenes.export import export_scene

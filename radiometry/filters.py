@@ -43,6 +43,11 @@ class Bandpass(BaseModel):
             )
         return self
 
+    @property
+    def centre_nm(self) -> float:
+        """Middle of the band [nm]."""
+        return (self.low_nm + self.high_nm) / 2
+
     def spectrum(self, incidence_rad: float = 0.0) -> Spectrum:
         """Transmission against wavelength, between 0 and 1, linear between its four knots.
 

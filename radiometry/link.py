@@ -115,14 +115,14 @@ def reflective_fill(
 
     Args:
         pixels_px: (n, 2) pixel centres.
-        cells_px: reflective cells that do not overlap, in the same coordinates: (m, 4) rectangles x0, x1, y0, y1, or (m, 4, 2)
-            corners of convex quadrilaterals in order.
+        cells_px: reflective cells that do not overlap, in the same coordinates: (m, 4) rectangles x0, x1, y0, y1, or (m, k, 2)
+            corners of convex polygons in order.
         shares: (m,) of each cell that reflects, evenly spread over it.
     """
     shares = np.broadcast_to(np.asarray(shares, float), (len(np.asarray(cells_px)),))
     pixels, cells = np.asarray(pixels_px, float), np.asarray(cells_px, float)
     if cells.ndim == 3:
-        return _quadrilateral_fill(pixels, cells, psf_sigma_px, shares)
+        return _polygon_fill(pixels, cells, psf_sigma_px, shares)
     share = [
         pixel_profile_integral(cells[:, 2 * axis + 1] - pixels[:, axis, None], psf_sigma_px)
         - pixel_profile_integral(cells[:, 2 * axis] - pixels[:, axis, None], psf_sigma_px)
@@ -135,31 +135,29 @@ def reflective_fill(
 _ROWS, _ROW_WEIGHTS = np.polynomial.legendre.leggauss(8)
 
 
-def _quadrilateral_fill(
-    pixels: FloatArray, quads: FloatArray, psf_sigma_px: float, shares: FloatArray
-) -> FloatArray:
-    """`reflective_fill` of quadrilaterals (m, 4, 2)."""
+def _polygon_fill(pixels: FloatArray, polygons: FloatArray, psf_sigma_px: float, shares: FloatArray) -> FloatArray:
+    """`reflective_fill` of convex polygons (m, k, 2)."""
     sigma = max(psf_sigma_px, 1e-6)
     reach = 0.5 + 5 * sigma  # the kernel holds 6e-7 beyond
-    low, high = quads.min(axis=1), quads.max(axis=1)
+    low, high = polygons.min(axis=1), polygons.max(axis=1)
     near = np.all((high > pixels[:, None] - reach) & (low < pixels[:, None] + reach), axis=-1)
     pixel, cell = np.nonzero(near)
     if len(pixel) == 0:
         return np.zeros(len(pixels))
-    quad = quads[cell] - pixels[pixel, None]
-    side = np.roll(quad, -1, axis=1) - quad
+    polygon = polygons[cell] - pixels[pixel, None]
+    side = np.roll(polygon, -1, axis=1) - polygon
 
     # Rows between the corners' heights; the kernel itself bends at the pixel's edges.
-    bends = np.concatenate([quad[..., 1], np.broadcast_to([-0.5, 0.5], (len(quad), 2))], axis=1)
+    bends = np.concatenate([polygon[..., 1], np.broadcast_to([-0.5, 0.5], (len(polygon), 2))], axis=1)
     edges = np.sort(np.clip(bends, -reach, reach), axis=1)
     half = np.diff(edges, axis=1)[..., None] / 2
-    row = (edges[:, :-1, None] + half * (1 + _ROWS)).reshape(len(quad), -1)
-    weight = (half * _ROW_WEIGHTS).reshape(len(quad), -1) * (ndtr((row + 0.5) / sigma) - ndtr((row - 0.5) / sigma))
+    row = (edges[:, :-1, None] + half * (1 + _ROWS)).reshape(len(polygon), -1)
+    weight = (half * _ROW_WEIGHTS).reshape(len(polygon), -1) * (ndtr((row + 0.5) / sigma) - ndtr((row - 0.5) / sigma))
 
     height = side[:, None, :, 1]
-    along = (row[..., None] - quad[:, None, :, 1]) / np.where(height == 0, np.inf, height)
+    along = (row[..., None] - polygon[:, None, :, 1]) / np.where(height == 0, np.inf, height)
     crossed = (along >= 0) & (along <= 1) & (height != 0)
-    x = quad[:, None, :, 0] + along * side[:, None, :, 0]
+    x = polygon[:, None, :, 0] + along * side[:, None, :, 0]
     left = np.where(crossed, x, np.inf).min(axis=-1)
     right = np.where(crossed, x, -np.inf).max(axis=-1)
     left, right = np.clip(left, -reach, reach), np.clip(right, -reach, reach)
@@ -173,6 +171,24 @@ def smear_px(camera: Camera, range_m: ArrayLike, speed_m_s: ArrayLike, exposure_
     return (
         max(camera.focal_px) * np.asarray(speed_m_s, float) * np.asarray(exposure_s, float) / np.asarray(range_m, float)
     )
+
+
+def frames_per_second(
+    power_w: ArrayLike, energy_j: ArrayLike, pulse_s: ArrayLike = 0.0, duty_max: float = 1.0
+) -> FloatArray:
+    """Highest frame rate at a mean electrical power [s⁻¹]: the lesser of P / E and, for LEDs' duty cycle, d_max / t.
+
+    Thesis eq. 6.10 solved for the frame rate, with the energy of one frame E = P_LED · n · t; everything broadcasts.
+
+    Args:
+        power_w: mean power that the illuminator may draw.
+        energy_j: of one frame, `LedRing.energy_per_frame_j`.
+        pulse_s: of one frame; 0 leaves the duty cycle out.
+        duty_max: largest share of time on, `LedRing.duty_max`.
+    """
+    energy, pulse = np.asarray(energy_j, float), np.asarray(pulse_s, float)
+    by_duty = np.divide(duty_max, pulse, out=np.full(pulse.shape, np.inf), where=pulse > 0)
+    return np.minimum(np.asarray(power_w, float) / energy, by_duty)
 
 
 def snr(signal_e: ArrayLike, dark_e: ArrayLike, noise_e: ArrayLike) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Camera optics: projection, point spread, and radiance to electron rate."""
+"""Camera optics: projection with distortion, point spread, fall-off, and radiance to electron rate."""
 
 from __future__ import annotations
 
@@ -6,15 +6,20 @@ from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 from scipy import constants
 from scipy.special import ndtr
 
+from radiometry.distortion import BrownConrady, distort_everywhere, reach
 from radiometry.geometry import FloatArray
 from radiometry.spectrum import Spectrum
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Fraction = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
+Coefficient = Annotated[float, Field(ge=-100, le=100, allow_inf_nan=False)]
+
+#: Widest point spread that is imaged [px].
+MAX_SIGMA_PX = 20.0
 
 
 class Camera(BaseModel):
@@ -30,8 +35,52 @@ class Camera(BaseModel):
     f_number: Positive = Field(2.8, description="focal length over entrance pupil diameter")
     lens_transmission: Fraction = Field(0.35, description="throughput of lens and filter holder, without the filter")
     psf_sigma_px: float = Field(
-        0.5, ge=0, le=20, description="standard deviation of the lens's Gaussian point spread, before the pixel [px]"
+        0.5,
+        ge=0,
+        le=MAX_SIGMA_PX,
+        description="standard deviation of the lens's Gaussian point spread in focus, before the pixel; never below diffraction, "
+        "but 0 is an ideal lens without either [px]",
     )
+    focus_m: Annotated[float, Field(gt=0, le=1e6)] | None = Field(
+        None, description="distance of sharp focus [m]; absent: sharp at every range"
+    )
+    k1: Coefficient = Field(0.0, description="radial distortion r² (Brown–Conrady, as OpenCV's) [-]")
+    k2: Coefficient = Field(0.0, description="radial distortion r⁴ [-]")
+    p1: Coefficient = Field(0.0, description="tangential distortion, mainly along y [-]")
+    p2: Coefficient = Field(0.0, description="tangential distortion, mainly along x [-]")
+    k3: Coefficient = Field(0.0, description="radial distortion r⁶ [-]")
+    vignetting: Fraction = Field(
+        0.0, description="light lost at the detector's corner beyond natural fall-off; grows with the square of the image radius"
+    )
+    veiling_glare: Fraction = Field(
+        0.0, description="fraction of the frame's light that the lens scatters evenly over the frame"
+    )
+    point_source_transmittance: tuple[tuple[float, float], ...] = Field(
+        (),
+        description="stray light of a Sun outside the field: rows of angle from the axis [deg] and detector irradiance over the "
+        "Sun's, lens included, filter not; log-linear between rows, the first one's nearer in, none beyond the last",
+    )
+
+    @model_validator(mode="after")
+    def _stray_light_table(self) -> Camera:
+        table = np.array(self.point_source_transmittance, float)
+        if len(table) and not (
+            len(table) >= 2
+            and np.all(np.diff(table[:, 0]) > 0)
+            and 0 <= table[0, 0] <= table[-1, 0] <= 180
+            and np.all((table[:, 1] > 0) & (table[:, 1] <= 1))
+        ):
+            raise ValueError(
+                f"point_source_transmittance: {table.tolist()}, expected two or more rows [angle, transmittance] with angles that "
+                "increase within 0-180 deg and transmittances above 0 and up to 1"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _one_to_one(self) -> Camera:
+        if self.distorted:
+            self._reach_tangent()
+        return self
 
     @property
     def focal_px(self) -> tuple[float, float]:
@@ -54,17 +103,122 @@ class Camera(BaseModel):
         """Area of one pixel [m²], fill factor 1."""
         return self.pixel_pitch_x_m * self.pixel_pitch_y_m
 
-    def project(self, points_camera_m: ArrayLike) -> FloatArray:
-        """Image positions (..., 2) [px] of points (..., 3) in the camera frame [m]."""
-        points = np.asarray(points_camera_m, float)
-        return points[..., :2] / points[..., 2:] * self.focal_px + self.principal_point_px
+    @property
+    def distortion(self) -> BrownConrady:
+        """The lens's distortion in tangents of the field angle."""
+        return BrownConrady(self.k1, self.k2, self.p1, self.p2, self.k3)
 
-    def relative_illumination(self) -> FloatArray:
-        """Natural fall-off cos⁴ of the field angle at every pixel, (height, width)."""
+    @property
+    def distorted(self) -> bool:
+        """True where any coefficient of distortion differs from zero."""
+        return any((self.k1, self.k2, self.p1, self.p2, self.k3))
+
+    @property
+    def without_distortion(self) -> Camera:
+        """The same camera with an ideal lens; itself where it has one."""
+        return self.model_copy(update=dict.fromkeys(("k1", "k2", "p1", "p2", "k3"), 0.0)) if self.distorted else self
+
+    def project(self, points_camera_m: ArrayLike) -> FloatArray:
+        """Image positions (..., 2) [px] of points (..., 3) in the camera frame [m]: pinhole, then distortion.
+
+        Beyond what the frame shows, where Brown–Conrady polynomials turn back, distortion goes on as at the frame's corner.
+        """
+        points = np.asarray(points_camera_m, float)
+        tangents = points[..., :2] / points[..., 2:]
+        if self.distorted:
+            tangents = np.stack(
+                distort_everywhere(self.distortion, tangents[..., 0], tangents[..., 1], self._reach_tangent()), axis=-1
+            )
+        return tangents * self.focal_px + self.principal_point_px
+
+    def undistort_px(self, image_px: ArrayLike) -> FloatArray:
+        """Where an ideal lens would image what this one images at positions (..., 2) [px]; to 1e-6 px within the frame."""
+        image = np.asarray(image_px, float)
+        if not self.distorted:
+            return image
+        tangents = (image - self.principal_point_px) / self.focal_px
+        with np.errstate(all="ignore"):  # far outside the frame there may be no such place
+            ideal = np.stack(self.distortion.undistort(tangents[..., 0], tangents[..., 1]), axis=-1)
+        return ideal * self.focal_px + self.principal_point_px
+
+    def natural_falloff(self) -> FloatArray:
+        """cos⁴ of the field angle at every pixel, (height, width): the angle before the lens."""
         (fx, fy), (cx, cy) = self.focal_px, self.principal_point_px
         x = (np.arange(self.width_px) - cx) / fx
         y = (np.arange(self.height_px) - cy) / fy
-        return (1.0 + x**2 + y[:, None] ** 2) ** -2
+        if not self.distorted:
+            return (1.0 + x**2 + y[:, None] ** 2) ** -2
+        x, y = self.distortion.undistort(*np.meshgrid(x, y))
+        return (1.0 + x**2 + y**2) ** -2
+
+    def relative_illumination(self) -> FloatArray:
+        """Light of a uniform scene at every pixel relative to the axis, (height, width).
+
+        cos⁴ of the field angle; times the area of scene that distortion gathers in a pixel, for what passes the entrance pupil is
+        only spread differently; times 1 − v r²/r_c² for vignetting, v the loss at the corner pixels, at the radius r_c.
+        """
+        light = self.natural_falloff()
+        if not self.distorted and self.vignetting == 0:
+            return light
+        (fx, fy), (cx, cy) = self.focal_px, self.principal_point_px
+        x, y = np.meshgrid((np.arange(self.width_px) - cx) / fx, (np.arange(self.height_px) - cy) / fy)
+        if self.distorted:
+            xx, xy, yy = self.distortion.derivative(*self.distortion.undistort(x, y))
+            light = light / (xx * yy - xy**2)
+        if self.vignetting > 0:
+            light = light * (1 - self.vignetting * (x**2 + y**2) / ((cx / fx) ** 2 + (cy / fy) ** 2))
+        return light
+
+    def _reach_tangent(self) -> float:
+        """Ideal radius that the frame and its rim, from where the point spread gathers light, show [tangent]."""
+        rim_px = 4 * self.psf_sigma_px + 2
+        (fx, fy), (cx, cy) = self.focal_px, self.principal_point_px
+        return reach(self.distortion, (cx + rim_px) / fx, (cy + rim_px) / fy)
+
+
+def diffraction_sigma_px(camera: Camera, wavelength_nm: float) -> float:
+    """Standard deviation of the Gaussian that comes nearest to the core of the Airy pattern [px]: 0.42 λ F#.
+
+    Of the Gaussians with the pattern's peak, the least-squares fit to (2 J₁(x)/x)² within its first dark ring has 0.4206 λ F#
+    (pattern: Born and Wolf, Principles of Optics, 8.5.2). The rings, 16 % of the light, are left to `veiling_glare`. On
+    detectors of unequal pitches a pixel counts by the geometric mean of both.
+    """
+    return 0.42 * wavelength_nm * 1e-9 * camera.f_number / float(np.sqrt(camera.pixel_area_m2))
+
+
+def blur_sigma_px(camera: Camera, range_m: float, wavelength_nm: float) -> float:
+    """Standard deviation of the lens's Gaussian point spread at a range [px]: √(max(in focus, diffraction)² + defocus²).
+
+    Out of focus the thin lens images a point as a disc of diameter f²/F# · |1/focus − 1/R| (geometrical optics, for distances
+    long against the focal length); a quarter of it is the disc's root mean square along each axis, which the Gaussian takes over.
+    """
+    diffraction = diffraction_sigma_px(camera, wavelength_nm) if camera.psf_sigma_px > 0 else 0.0
+    sigma = max(camera.psf_sigma_px, diffraction)
+    if camera.focus_m is None:
+        return sigma
+    circle_m = camera.focal_length_m**2 / camera.f_number * abs(1 / camera.focus_m - 1 / range_m)
+    return float(np.hypot(sigma, circle_m / 4 / np.sqrt(camera.pixel_area_m2)))
+
+
+def camera_at(camera: Camera, range_m: float, wavelength_nm: float) -> Camera:
+    """The camera as it images a range: `psf_sigma_px` is the whole blur there, and everything is in focus.
+
+    Raises:
+        ValueError: when the blur exceeds 20 px, or light is gathered from where the distortion folds back.
+    """
+    sigma = blur_sigma_px(camera, range_m, wavelength_nm)
+    if sigma == camera.psf_sigma_px and camera.focus_m is None:
+        return camera
+    if sigma > MAX_SIGMA_PX:
+        focus = "everywhere" if camera.focus_m is None else f"{camera.focus_m:g} m"
+        raise ValueError(
+            f"focus_m: focus {focus} at F/{camera.f_number:g} blurs a point at {range_m:g} m with a standard deviation of "
+            f"{sigma:.1f} px; expected at most {MAX_SIGMA_PX:g} px"
+        )
+    blurred = camera.model_copy(update={"psf_sigma_px": sigma, "focus_m": None})
+    if camera.distorted:
+        blurred._reach_tangent()
+    return blurred
 
 
 def electrons_per_joule(wavelength_nm: ArrayLike) -> FloatArray:

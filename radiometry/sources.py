@@ -1,4 +1,4 @@
-"""Light sources: the Sun outside the atmosphere and the chaser's ring of near-infrared LEDs."""
+"""Light sources: the Sun outside the atmosphere, the sunlit Earth, and the chaser's ring of near-infrared LEDs."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from functools import cache
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from radiometry.geometry import FloatArray
@@ -49,6 +49,37 @@ class Sun(BaseModel):
         return am0_spectrum() * (1.0 / self.distance_au**2)
 
 
+class Earth(BaseModel):
+    """The sunlit Earth as seen from the target: a disc of one radiance, as a Lambert surface under an overhead Sun has it.
+
+    That is an upper bound: seen in another phase or at its limb the Earth is darker, over cloud brighter than its mean albedo.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    phase_deg: Annotated[float, Field(ge=0, le=180)] = Field(
+        90.0, description="angle between the Earth's centre and the camera, seen from the target [deg]; 90: both on one orbit"
+    )
+    azimuth_deg: Annotated[float, Field(ge=-360, le=360)] = Field(
+        -90.0, description="side on which the Earth stands: 0 to the camera's right, 90 above [deg]"
+    )
+    angular_radius_deg: Annotated[float, Field(gt=0, le=85)] = Field(
+        70.0, description="half the angle that the disc fills [deg]; 70: asin of 6371 km over 6371 + 400 km, low Earth orbit"
+    )
+    albedo: Fraction = Field(
+        0.3, description="reflected over received sunlight, the same at all wavelengths; 0.3: mean of the planet (Bond albedo)"
+    )
+
+    @property
+    def angular_radius_rad(self) -> float:
+        """Half the angle that the disc fills [rad]."""
+        return float(np.radians(self.angular_radius_deg))
+
+    def radiance(self, sun: Sun) -> Spectrum:
+        """Spectral radiance of the disc [W m⁻² sr⁻¹ nm⁻¹]: albedo · E_sun / π (Lambert's law)."""
+        return sun.irradiance() * (self.albedo / np.pi)
+
+
 class LedRing(BaseModel):
     """LEDs spread evenly on a ring around the lens, all aimed along the optical axis.
 
@@ -72,6 +103,12 @@ class LedRing(BaseModel):
     )
     electrical_power_w: Positive = Field(2.1, description="electrical power of one LED while it is on [W]")
     wall_plug_limit: Fraction = Field(1.0, description="largest credible optical over electrical power")
+    longest_pulse_s: Positive = Field(
+        100.0, description="longest pulse the LEDs stand at this power [s]; default: as long as any exposure, no limit"
+    )
+    duty_max: Annotated[float, Field(gt=0, le=1)] = Field(
+        1.0, description="largest share of time the LEDs may be on at this power; default: no limit"
+    )
 
     @model_validator(mode="after")
     def _conserves_energy(self) -> LedRing:
@@ -116,3 +153,11 @@ class LedRing(BaseModel):
     def energy_per_frame_j(self, pulse_s: ArrayLike) -> FloatArray:
         """Electrical energy of one pulse of all LEDs [J]: P · count · t (thesis eq. 6.10 without the frame rate)."""
         return self.electrical_power_w * self.count * np.asarray(pulse_s, float)
+
+    def pulse_allowed(self, pulse_s: ArrayLike, frames_per_second: ArrayLike = 0.0) -> NDArray[np.bool_]:
+        """True where a pulse is no longer than the LEDs stand, and pulses at a frame rate keep within their duty cycle.
+
+        t ≤ t_max and t · fps ≤ d_max, as data sheets of LEDs bound them; both broadcast. A frame rate of 0 is a single shot.
+        """
+        pulse, duty = np.asarray(pulse_s, float), np.asarray(pulse_s, float) * np.asarray(frames_per_second, float)
+        return (pulse <= self.longest_pulse_s) & (duty <= self.duty_max * (1 + 1e-12))

@@ -19,15 +19,15 @@ from pathlib import Path
 
 from materials import library
 from scenes.exr import read_basis, write_basis
-from scenes.transport import Quality, TransportBasis, View, render_basis
+from scenes.transport import AFTER_TRANSPORT, Quality, TransportBasis, View, render_basis
 
 DEFAULT_LIMIT_BYTES = 4 * 2**30
 
 #: Source files whose change makes every cached basis stale.
 _CODE = {
-    "scenes": ("transport.py", "stock.py", "marker.py", "target.py"),
+    "scenes": ("transport.py", "earth.py", "stock.py", "marker.py", "target.py"),
     "materials": ("brdf.py", "datafile.py", "library.py", "plugins.py"),
-    "radiometry": ("geometry.py", "optics.py", "sources.py"),
+    "radiometry": ("geometry.py", "distortion.py", "optics.py", "sources.py"),
 }
 
 
@@ -54,15 +54,16 @@ def code_version() -> str:
 def key(view: View, quality: Quality, variant: str) -> str:
     """Name of a view's basis in the cache, 32 hexadecimal digits.
 
-    Of camera and LEDs only what changes transport counts: not the F-number, transmission or power.
+    Of camera and LEDs only what changes transport counts: not the F-number, transmission, stray light or power.
     """
     parts = {
         "code": code_version(),
         "variant": variant,
         "quality": quality.__dict__,
-        "camera": view.camera.model_dump(mode="json", exclude={"f_number", "lens_transmission"}),
+        "camera": view.camera.model_dump(mode="json", exclude=set(AFTER_TRANSPORT)),
         "leds": view.leds.model_dump(mode="json", include={"count", "ring_radius_m", "half_angle_deg"}),
         **{name: getattr(view, name).model_dump(mode="json") for name in ("marker", "target", "sun")},
+        "earth": view.earth and view.earth.model_dump(mode="json", exclude={"albedo"}),
         "range_m": view.range_m,
         "nodes_nm": view.nodes_nm,
         "own_materials": [library.fingerprint(name) for name in view.target.materials if library.is_path(name)],

@@ -36,10 +36,10 @@ square and as wide as the camera's columns.
 
 
 def export_scene(view: View, strengths: Mapping[str, Spectrum], folder: Path) -> None:
-    """Write led.xml, sun.xml, meshes/, spectra/ and README.txt into a folder, in absolute units.
+    """Write led.xml, sun.xml, earth.xml where there is one, meshes/, spectra/ and README.txt into a folder, in absolute units.
 
     Args:
-        strengths: on-axis intensity of the whole ring and irradiance of the Sun, by light.
+        strengths: on-axis intensity of the whole ring, irradiance of the Sun and radiance of the Earth, by light.
     """
     camera = view.camera
     rows = round(camera.height_px * camera.pixel_pitch_y_m / camera.pixel_pitch_x_m)
@@ -48,7 +48,7 @@ def export_scene(view: View, strengths: Mapping[str, Spectrum], folder: Path) ->
     # Knots 2 nm apart: `specfilm` samples a flat band of coarse knots with a bias.
     band = {"type": "regular", "wavelength_min": low, "wavelength_max": high, "values": ",".join(["1.0"] * knots)}
     film = {"type": "specfilm", "width": camera.width_px, "height": rows, "component_format": "float32", "band": band}
-    per_square_mm = {"led": MM_PER_M**2, "sun": 1.0}  # intensity over a distance in millimetres
+    per_square_mm = {"led": MM_PER_M**2, "sun": 1.0, "earth": 1.0}  # intensity over a distance in millimetres
     for light, strength in strengths.items():
         scene = stock_scene(view, {light: strength * per_square_mm[light]}, folder / "meshes", dict(film))
         (folder / "spectra").mkdir(exist_ok=True)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scenes.atomic import atomic_write
 from scenes.transport import UNITS, TransportBasis
 
-_LAYER = re.compile(r"(led|sun)\.nm(\d{4})\Z")
+_LAYER = re.compile(r"(led|sun|earth)\.nm(\d{4})\Z")
 _PREFIX = "mantis_"
 
 
@@ -45,14 +45,15 @@ def read_basis(path: Path | str) -> TransportBasis:
         match = _LAYER.match(name)
         if match:
             found.setdefault(match[1], {})[int(match[2])] = image
-    if set(found) != set(UNITS):
+    if set(found) - {"earth"} != {"led", "sun"}:
         raise ValueError(
             f"{path}: layers {', '.join(sorted(channels)) or 'none'}; expected led.nmNNNN and sun.nmNNNN, "
             "as `mantis render` writes them"
         )
     nodes = tuple(sorted(found["led"]))
-    if tuple(sorted(found["sun"])) != nodes:
-        raise ValueError(f"{path}: the led and sun layers have different wavelengths")
+    for light in found:
+        if tuple(sorted(found[light])) != nodes:
+            raise ValueError(f"{path}: the led and {light} layers have different wavelengths")
     layers = {light: np.stack([images[node] for node in nodes]) for light, images in found.items()}
     for light, images in layers.items():
         if not np.all(np.isfinite(images)) or np.any(images < 0):

@@ -1,6 +1,6 @@
 """The same view as a scene for stock Mitsuba: for export, as the reference renderer, and where no LLVM can be had.
 
-Lights become 100 spots with a textured pattern and a distant disc; the camera becomes a perspective sensor of square pixels.
+Lights become 100 spots with a textured pattern and distant discs; the camera becomes a perspective sensor of square pixels.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from scenes.transport import MM_PER_M, Region, View
 
 #: Resolution of the LED pattern's texture, and where the pattern is cut off: cos³¹ is 3e-7 there for the default LED.
 _PATTERN_PX, _PATTERN_EDGE_DEG = 512, 60.0
-_SUN_DISTANCE_MM = 1e6
+_DISC_DISTANCE_MM = 1e6
 
 
 def stock_scene(
@@ -35,22 +35,28 @@ def stock_scene(
     """Scene description for `mi.load_dict`, in millimetres, marker frame; needs a spectral variant.
 
     Args:
-        strengths: by light ('led': on-axis intensity of the whole ring, 'sun': irradiance), spectrum or a constant.
+        strengths: by light ('led': on-axis intensity of the whole ring, 'sun': irradiance, 'earth': radiance), spectrum or a
+            constant. Only with 'earth' does the camera see discs directly.
         mesh_folder: where PLY meshes and the LED texture are written.
         film: description of the film, with width and height.
         sensor_offset_px: film centre off the optical axis, in film pixels, to the right and down.
         pixel_rad: angular pitch of the film's square pixels on the axis; default the camera's column pitch.
         depth: longest path; 2 is direct light.
+
+    Raises:
+        ValueError: for a lens with distortion, which a perspective sensor cannot have.
     """
     import mitsuba as mi
 
     from materials import plugins
 
+    if view.camera.distorted:
+        raise ValueError("camera.k1, k2, p1, p2, k3: Mitsuba's own camera has no distortion; expected zeros, or the LLVM renderer")
     plugins.register()
     mesh_folder.mkdir(parents=True, exist_ok=True)
     scene: dict[str, Any] = {
         "type": "scene",
-        "integrator": {"type": "path", "max_depth": depth, "hide_emitters": True},
+        "integrator": {"type": "path", "max_depth": depth, "hide_emitters": "earth" not in strengths},
         "sensor": _sensor(view, film, sensor_offset_px, pixel_rad or 1 / view.camera.focal_px[0]),
     }
     target = view.target
@@ -65,7 +71,11 @@ def stock_scene(
     if "led" in strengths:
         scene.update(_leds(view, strengths["led"], mesh_folder, mi))
     if "sun" in strengths:
-        scene["sun"] = _sun(view, strengths["sun"], mi)
+        radius = np.tan(view.sun.angular_radius_rad)
+        scene["sun"] = _disc(view.sun_in_marker, radius, strengths["sun"] * (1 / (np.pi * radius**2)), mi)
+    if "earth" in strengths:
+        assert view.earth is not None
+        scene["earth"] = _disc(view.earth_in_marker, np.tan(view.earth.angular_radius_rad), strengths["earth"], mi)
     return scene
 
 
@@ -89,7 +99,7 @@ def render_subpixels(
     left, top = (region.x0 - pad - 0.5 - cx) / fx, (region.y0 - pad - 0.5 - cy) / fy
     offset = left / step + columns / 2, top / step + rows / 2
     # Per square millimetre inside: one watt per steradian is 1e6 times stronger at a distance counted in millimetres.
-    strength = {"led": MM_PER_M**2, "sun": 1.0}[light]
+    strength = {"led": MM_PER_M**2, "sun": 1.0, "earth": 1.0}[light]
     with tempfile.TemporaryDirectory() as folder:
         scene = mi.load_dict(stock_scene(view, {light: strength}, Path(folder), film, offset, step, depth))
     image = np.array(mi.render(scene, spp=spp, seed=seed), np.float32)
@@ -151,13 +161,12 @@ def _leds(view: View, strength: Spectrum | float, folder: Path, mi: Any) -> dict
     return result
 
 
-def _sun(view: View, strength: Spectrum | float, mi: Any) -> dict[str, Any]:
-    radius = np.tan(view.sun.angular_radius_rad)
-    place = view.sun_in_marker * _SUN_DISTANCE_MM
+def _disc(direction: NDArray[np.float64], radius: float, radiance: Spectrum | float, mi: Any) -> dict[str, Any]:
+    """A far disc of a radius over its distance, square to its direction."""
+    place = direction * _DISC_DISTANCE_MM
     to_world = mi.ScalarTransform4f().look_at(origin=place.tolist(), target=[0, 0, 0], up=_any_normal(place))
-    to_world = to_world @ mi.ScalarTransform4f().scale(float(radius * _SUN_DISTANCE_MM))
-    radiance = _emission(strength * (1 / (np.pi * radius**2)))
-    return {"type": "disk", "to_world": to_world, "emitter": {"type": "area", "radiance": radiance}}
+    to_world = to_world @ mi.ScalarTransform4f().scale(float(radius * _DISC_DISTANCE_MM))
+    return {"type": "disk", "to_world": to_world, "emitter": {"type": "area", "radiance": _emission(radiance)}}
 
 
 def _any_normal(vector: NDArray[np.float64]) -> list[float]:

@@ -5,7 +5,7 @@ renderer is direct light only (indirect light adds up to 0.7 % in the Sun and 0.
 sub-pixel, one light sample per ray, then a fixed point-spread ⊗ pixel kernel, so that neighbouring pixels share their rays.
 
 Units: the LED basis is radiance per unit on-axis intensity of the whole ring [m⁻²], the Sun's is radiance per unit irradiance
-square to the Sun [sr⁻¹]. The renderer's own scene is in millimetres, for its ray offsets would swallow the slits in metres.
+square to the Sun [sr⁻¹], the Earth's is radiance per unit radiance of its disc [-]. The renderer's own scene is in millimetres, for its ray offsets would swallow the slits in metres.
 """
 
 from __future__ import annotations
@@ -19,19 +19,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from materials import library
+from radiometry.distortion import BrownConrady
 from radiometry.geometry import FloatArray, attitude_matrix, sun_direction
 from radiometry.optics import Camera, pixel_profile_integral
-from radiometry.sources import LedRing, Sun
+from radiometry.sources import Earth, LedRing, Sun
+from scenes.earth import earth_radiance
 from scenes.marker import MarkerDesign
 from scenes.target import Target, face_mesh
 
 MM_PER_M = 1000.0
 LIGHTS = ("led", "sun")
-UNITS = {"led": "m-2", "sun": "sr-1"}
+#: Unit of each light's basis; the Earth's is rendered where there is one.
+UNITS = {"led": "m-2", "sun": "sr-1", "earth": "1"}
+#: Fields of the camera that act on the rendered radiance, not on its transport. The focus acts through the point spread, which
+#: a view's camera already holds (`radiometry.optics.camera_at`).
+AFTER_TRANSPORT = frozenset(
+    {"f_number", "lens_transmission", "focus_m", "vignetting", "veiling_glare", "point_source_transmittance"}
+)
 
 # Irrational strides of the sub-pixel lattice (Roberts' R2 sequence and the golden ratio): a lattice point set per sub-pixel
 # row and column fills jitter and light choice evenly, which random numbers do not.
 _GOLDEN, _R2X, _R2Y = 0.6180339887498949, 0.7548776662466927, 0.5698402909980532
+_SQRT2, _SQRT3 = 0.41421356237309515, 0.7320508075688772
+#: Further from the camera's direction than this, tape sends little of the light back to it [rad].
+_RETRO_TAIL_RAD = np.radians(10.0)
 
 
 @dataclass(frozen=True)
@@ -45,6 +56,12 @@ class View:
     sun: Sun
     range_m: float
     nodes_nm: tuple[int, ...]
+    earth: Earth | None = None
+
+    @property
+    def lights(self) -> tuple[str, ...]:
+        """Lights that have a basis, keys of `UNITS`."""
+        return LIGHTS if self.earth is None else (*LIGHTS, "earth")
 
     @cached_property
     def rotation(self) -> FloatArray:
@@ -60,6 +77,13 @@ class View:
     def sun_in_marker(self) -> FloatArray:
         """Unit vector target -> Sun in the marker frame, (3,)."""
         return self.rotation.T @ sun_direction(np.radians(self.sun.phase_deg), np.radians(self.sun.azimuth_deg))
+
+    @cached_property
+    def earth_in_marker(self) -> FloatArray:
+        """Unit vector target -> centre of the Earth in the marker frame, (3,); needs an Earth."""
+        assert self.earth is not None
+        there = sun_direction(np.radians(self.earth.phase_deg), np.radians(self.earth.azimuth_deg))
+        return self.rotation.T @ there
 
     def to_marker(self, points_camera_m: FloatArray) -> FloatArray:
         """Points (..., 3) of the camera frame in the marker frame [m]."""
@@ -112,7 +136,7 @@ class TransportBasis:
 
 
 def render_basis(view: View, quality: Quality | None = None) -> TransportBasis:
-    """Render both lights of a view: the whole frame coarsely, the marker and its surroundings densely.
+    """Render every light of a view: the whole frame coarsely, the marker and its surroundings densely.
 
     Raises:
         RuntimeError: when no Mitsuba variant can run here.
@@ -129,7 +153,7 @@ def render_basis(view: View, quality: Quality | None = None) -> TransportBasis:
     if dense is not None and dense.samples > quality.frame_samples:
         patch = _render_region(scene, view, dense, quality.seed + 1)
         rows, columns = slice(dense.y0, dense.y0 + dense.height), slice(dense.x0, dense.x0 + dense.width)
-        for light in LIGHTS:
+        for light in view.lights:
             layers[light][:, rows, columns] = patch[light]
     samples = float(dense.samples if dense is not None else quality.frame_samples)
     return TransportBasis(view.nodes_nm, layers, {"marker_samples_per_pixel": samples**2})
@@ -138,7 +162,9 @@ def render_basis(view: View, quality: Quality | None = None) -> TransportBasis:
 def marker_region(view: View, rays: int, margin_px: int = 4) -> Region | None:
     """The marker's bounding box in whole pixels, as dense as `rays` allow (2 to 48 per side); None outside the frame."""
     half, back = view.marker.size_m / 2, -view.marker.thickness_m
-    box = np.array([[x, y, z] for x in (-half, half) for y in (-half, half) for z in (0.0, back)])
+    # Distortion bends edges, which then reach further than the corners.
+    side = np.linspace(-half, half, 17 if view.camera.distorted else 2)
+    box = np.array([[x, y, z] for x in side for y in side for z in (0.0, back)])
     image = view.to_image(box)
     x0, y0 = np.floor(image.min(axis=0)).astype(int) - margin_px
     x1, y1 = np.ceil(image.max(axis=0)).astype(int) + margin_px + 1
@@ -154,7 +180,7 @@ def _render_region(scene: Any, view: View, region: Region, seed: int) -> dict[st
     """Basis images of a region, (nodes, height, width) by light; without a batched scene, by Mitsuba's own renderer."""
     pad = int(np.ceil(4 * view.camera.psf_sigma_px + 0.5))
     fine = _stock_subpixels if scene is None else _traced_subpixels
-    result = {light: np.empty((len(view.nodes_nm), region.height, region.width), np.float32) for light in LIGHTS}
+    result = {light: np.empty((len(view.nodes_nm), region.height, region.width), np.float32) for light in view.lights}
     for light, k, image, steps in fine(scene, view, region, pad, seed):
         columns = _reduction(region.width, pad, image.shape[1], steps[0], view.camera.psf_sigma_px)
         rows = _reduction(region.height, pad, image.shape[0], steps[1], view.camera.psf_sigma_px)
@@ -185,7 +211,7 @@ def _stock_subpixels(scene: Any, view: View, region: Region, pad: int, seed: int
     flat = all(np.ptp(s(view.nodes_nm)) <= 0.002 for m in materials for s in (m.diffuse, m.gloss, m.retro))
     fx, fy = view.camera.focal_px
     steps = (1 / region.samples, fy / fx / region.samples)
-    for light in LIGHTS:
+    for light in view.lights:
         image = None
         for k, node in enumerate(view.nodes_nm):
             if image is None or not flat:
@@ -239,7 +265,7 @@ def _trace(
     camera = view.camera
     origin = view.to_marker(np.zeros(3)) * MM_PER_M
     leds = view.to_marker(view.leds.positions_m()) * MM_PER_M
-    offsets = np.random.default_rng(seed).random(6)
+    offsets = np.random.default_rng(seed).random(9)
 
     def opaque(value: float) -> Any:  # kernel data, so that another range or region does not compile again
         return dr.opaque(mi.Float, float(value))
@@ -256,7 +282,11 @@ def _trace(
     x = (mi.Float(column) + lattice(0.0, _GOLDEN, offsets[0])) * step + opaque(region.x0 - pad - 0.5 - cx)
     y = (mi.Float(row) + lattice(_GOLDEN, 0.0, offsets[1])) * step + opaque(region.y0 - pad - 0.5 - cy)
     axes = [mi.Vector3f(*(opaque(v) for v in axis)) for axis in view.rotation]  # rows: camera axes in the marker frame
-    direction = dr.normalize(axes[0] * (x / opaque(fx)) + axes[1] * (y / opaque(fy)) + axes[2])
+    x, y = x / opaque(fx), y / opaque(fy)
+    if camera.distorted:
+        lens = camera.distortion
+        x, y = BrownConrady(*(opaque(k) for k in (lens.k1, lens.k2, lens.p1, lens.p2, lens.k3))).undistort(x, y)
+    direction = dr.normalize(axes[0] * x + axes[1] * y + axes[2])
     ray = mi.Ray3f(mi.Point3f(*(opaque(v) for v in origin)), direction)
     for k, node in enumerate(nodes_nm):
         ray.wavelengths[k] = opaque(node)
@@ -289,8 +319,14 @@ def _trace(
     lit &= ~scene.ray_test(hit.spawn_ray(to_sun), lit)
     from_sun = dr.select(lit, value, 0.0)
 
-    dr.eval(from_leds, from_sun)
     spectra = {"led": from_leds, "sun": from_sun}
+    if view.earth is not None:
+        draws = [lattice(_R2X, _GOLDEN, offsets[5]), lattice(_R2Y, _SQRT2, offsets[6])]
+        draws += [lattice(_SQRT2, _R2X, offsets[7]), lattice(_SQRT3, _GOLDEN, offsets[8])]
+        radius = view.earth.angular_radius_rad
+        near_viewer = np.radians(view.earth.phase_deg) < radius + _RETRO_TAIL_RAD
+        spectra["earth"] = earth_radiance(scene, ray, hit, view.earth_in_marker, radius, draws, near_viewer)
+    dr.eval(*spectra.values())
     return {
         light: [np.array(value[k], copy=False).reshape(height, width) for k in range(len(nodes_nm))]
         for light, value in spectra.items()

@@ -39,8 +39,12 @@ def range_for(bit_px: float, marker: MarkerDesign, camera: Camera) -> float:
 
 def foil(shape: tuple[int, int], level: float, rng: np.random.Generator) -> FloatArray:
     """Crinkled foil: facets of very different brightness with smooth shading, mean about `level`."""
-    coarse = cv2.resize(rng.normal(size=(shape[0] // 6 + 2, shape[1] // 6 + 2)), shape[::-1], interpolation=cv2.INTER_CUBIC)
-    fine = cv2.resize(rng.normal(size=(shape[0] // 2 + 2, shape[1] // 2 + 2)), shape[::-1], interpolation=cv2.INTER_NEAREST)
+    coarse = cv2.resize(
+        rng.normal(size=(shape[0] // 6 + 2, shape[1] // 6 + 2)), shape[::-1], interpolation=cv2.INTER_CUBIC
+    )
+    fine = cv2.resize(
+        rng.normal(size=(shape[0] // 2 + 2, shape[1] // 2 + 2)), shape[::-1], interpolation=cv2.INTER_NEAREST
+    )
     return level * np.exp(1.2 * coarse + 0.4 * fine - 0.8)
 
 
@@ -117,7 +121,9 @@ def electrons(
     """
     background = foil((camera.height_px, camera.width_px), foil_level, rng)
     half = marker.size_m / 2
-    outline = np.array([[-half, half, 0], [half, half, 0], [half, -half, 0], [-half, -half, 0]]) @ rotation.T + translation_m
+    outline = (
+        np.array([[-half, half, 0], [half, half, 0], [half, -half, 0], [-half, -half, 0]]) @ rotation.T + translation_m
+    )
     corners = camera.project(outline)
     pad = int(np.ceil(5 * camera.psf_sigma_px)) + 3
     x0, y0 = (np.floor(corners.min(0)).astype(int) - pad).tolist()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -160,9 +162,7 @@ def test_a_narrow_line_through_a_bandpass_is_not_biased(centre: float, fwhm: flo
         return float(line * passed * transport(wavelength))
 
     cuts = np.clip([819.5, 820.5, centre - 3 * sigma, centre, centre + 3 * sigma, 879.5, 880.5], 819.5, 880.5)
-    expected = sum(
-        quad(exact, a, b, epsabs=1e-12)[0] for a, b in itertools.pairwise(np.sort(cuts))
-    )
+    expected = sum(quad(exact, a, b, epsabs=1e-12)[0] for a, b in itertools.pairwise(np.sort(cuts)))
     weight = gaussian_line(centre, fwhm) * BAND.spectrum().resampled(0.5)
     nodes = wavelength_nodes(BAND.spectrum(), count)
     found = node_weights(weight, nodes) @ transport(np.array(nodes, float))

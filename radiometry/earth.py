@@ -1,0 +1,61 @@
+"""The sunlit Earth in the closed form: light of a disc of uniform radiance that an unshadowed plane sends to the camera."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from radiometry.geometry import FloatArray
+from radiometry.link import Brdf
+
+#: Nodes on −1 … 1: across a ring between two edges, and along its arc.
+_ACROSS, _ACROSS_WEIGHTS = np.polynomial.legendre.leggauss(6)
+_ALONG, _ALONG_WEIGHTS = np.polynomial.legendre.leggauss(64)
+
+
+def earth_transport(
+    to_viewer: ArrayLike, to_earth: ArrayLike, angular_radius_rad: float, brdf: Brdf, wavelength_nm: ArrayLike
+) -> FloatArray:
+    """Radiance of a plane towards the viewer per unit radiance of the Earth's disc [-]: ∫ f cosθ_i dΩ over what it sees of it.
+
+    Quadrature on rings about the viewer's direction, close together near it, where tape returns its light. For a Lambert plane
+    above whose horizon all of the disc stands this is albedo · sin²(radius) · cos(centre's angle from the normal).
+
+    Args:
+        to_viewer, to_earth: (3,) unit vectors from the plane z = 0, whose normal is z; the latter to the centre of the disc.
+        angular_radius_rad: of the disc.
+        brdf: of the plane.
+        wavelength_nm: (w,).
+
+    Returns:
+        (w,).
+    """
+    viewer, earth = np.asarray(to_viewer, float), np.asarray(to_earth, float)
+    # atan2 stays accurate where the Earth stands right behind the camera.
+    sideways = earth - (earth @ viewer) * viewer
+    apart = float(np.arctan2(np.linalg.norm(sideways), earth @ viewer))
+    nearest, furthest = max(0.0, apart - angular_radius_rad), min(np.pi, apart + angular_radius_rad)
+    bends = [angular_radius_rad - apart, 2 * np.pi - apart - angular_radius_rad, nearest, furthest]
+    edges = np.unique(np.clip([*np.geomspace(1e-4, np.pi, 28), 0.0, *bends], nearest, furthest))
+    half = np.diff(edges)[:, None] / 2
+    ring = (edges[:-1, None] + half * (1 + _ACROSS)).ravel()
+    ring_weight = (half * _ACROSS_WEIGHTS).ravel() * np.sin(ring)
+
+    # A point of the ring lies on the disc within this azimuth from the Earth's: spherical law of cosines.
+    spread = np.sin(ring) * np.sin(apart)
+    cosine = (np.cos(angular_radius_rad) - np.cos(ring) * np.cos(apart)) / np.maximum(spread, 1e-12)
+    arc = np.arccos(np.clip(cosine, -1.0, 1.0))
+    azimuth = arc[:, None] * _ALONG
+    side = sideways / np.linalg.norm(sideways) if np.linalg.norm(sideways) > 1e-9 else _normal_to(viewer)
+    across = np.cos(azimuth)[..., None] * side + np.sin(azimuth)[..., None] * np.cross(viewer, side)
+    towards = np.cos(ring)[:, None, None] * viewer + np.sin(ring)[:, None, None] * across
+    weight = (ring_weight * arc)[:, None] * _ALONG_WEIGHTS * np.clip(towards[..., 2], 0.0, None)
+    lit = weight > 0
+    value = brdf(np.array([0.0, 0.0, 1.0]), towards[lit][:, None, :], viewer, np.asarray(wavelength_nm, float))
+    return weight[lit] @ value
+
+
+def _normal_to(vector: FloatArray) -> FloatArray:
+    helper = np.eye(3)[int(np.argmin(np.abs(vector)))]
+    normal = np.cross(vector, helper)
+    return normal / np.linalg.norm(normal)

@@ -1,0 +1,153 @@
+"""The stages of the chain: what each takes, refuses and repeats."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from experiments import chain
+from experiments.scenario import Scenario, load_scenario
+from radiometry.geometry import attitude_matrix, faces_camera
+from scenes.transport import TransportBasis
+
+
+def changed(scenario: Scenario, section: str, **values: Any) -> Scenario:
+    return scenario.at(**{section: {**getattr(scenario, section).model_dump(), **values}})
+
+
+def test_automatic_exposure_brings_bright_bits_to_the_wanted_part_of_the_usable_well(small: Scenario) -> None:
+    for light in ("eclipse", "sun"):
+        budget = chain.link_budget(small, light)
+        seconds = chain.exposure_s(small, budget, "auto")
+        assert budget.at(seconds)["full_well_fraction"] == pytest.approx(small.auto_exposure.full_well_fraction)
+    warm = changed(small, "sensor", dark_current_electrons_per_s=1e9)
+    budget = chain.link_budget(warm, "eclipse")
+    assert budget.at(chain.exposure_s(warm, budget, "auto"))["full_well_fraction"] == pytest.approx(0.5)
+    assert chain.exposure_s(small, budget, 0.01) == 0.01
+
+
+def test_automatic_exposure_stays_between_the_shortest_pulse_and_the_longest_exposure(small: Scenario) -> None:
+    slow = changed(small, "auto_exposure", shortest_s=1e-3)
+    assert chain.exposure_s(slow, chain.link_budget(slow, "eclipse"), "auto") == 1e-3
+    dark = changed(small, "leds", centroid_nm=1100)  # off the filter's band
+    assert chain.link_budget(dark, "eclipse").signal_rate == 0
+    assert chain.exposure_s(dark, chain.link_budget(dark, "eclipse"), "auto") == dark.auto_exposure.longest_s
+    too_near = small.at(range_m=0.05)
+    with pytest.raises(ValueError, match=r"'auto' needs a bit in the frame, and none is at 0\.05 m"):
+        chain.exposure_s(too_near, chain.link_budget(too_near, "eclipse"), "auto")
+
+
+def test_the_usable_well_ends_with_the_converter_where_that_is_smaller(small: Scenario) -> None:
+    assert chain.usable_well(small.sensor) == min(20_000, (4095 - 64) * 5)
+    assert chain.usable_well(changed(small, "sensor", bits=10).sensor) == (1023 - 64) * 5
+
+
+def test_transport_does_not_change_with_what_is_applied_after_it(small: Scenario) -> None:
+    """The geometry digest lets one basis serve every power, spectrum, F-number, sensor, exposure and seed; nothing else."""
+    digest = chain.geometry_digest(small)
+    same: list[tuple[str, dict[str, Any]]] = [
+        ("leds", {"intensity_w_sr": 1.0, "fwhm_nm": 2.0, "centroid_nm": 860.0}), ("sensor", {"bits": 10}),
+        ("camera", {"f_number": 4.0, "lens_transmission": 0.5}), ("filter", {"transmission": 0.5}),
+    ]  # fmt: skip
+    other: list[tuple[str, dict[str, Any]]] = [
+        ("leds", {"ring_radius_m": 0.06}), ("leds", {"half_angle_deg": 20.0}), ("camera", {"focal_length_m": 0.03}),
+        ("camera", {"psf_sigma_px": 1.0}), ("sun", {"phase_deg": 30.0}), ("target", {"yaw_deg": 5.0}),
+        ("marker", {"identity": 3}), ("filter", {"low_nm": 820.0}),
+    ]  # fmt: skip
+    for section, values in same:
+        assert chain.geometry_digest(changed(small, section, **values)) == digest, (section, values)
+    for section, values in other:
+        assert chain.geometry_digest(changed(small, section, **values)) != digest, (section, values)
+    assert chain.geometry_digest(small.at(seed=2, exposure_s=1e-3, light="sun")) == digest
+    assert chain.geometry_digest(small.at(range_m=3.001)) != digest
+
+
+def test_rates_add_up_and_scale_with_their_sources(small: Scenario, small_basis: TransportBasis) -> None:
+    eclipse, sun = (chain.electron_rate(small, small_basis, light) for light in ("eclipse", "sun"))
+    assert (eclipse >= 0).all()
+    assert (sun >= eclipse).all()
+    twice = changed(small, "leds", count=100, intensity_w_sr=7.0)
+    np.testing.assert_allclose(chain.electron_rate(twice, small_basis, "eclipse"), 2 * eclipse, rtol=1e-12)
+    far = changed(small, "sun", distance_au=2.0)
+    in_far_sun = chain.electron_rate(far, small_basis, "sun")
+    np.testing.assert_allclose(in_far_sun - eclipse, (sun - eclipse) / 4, rtol=1e-9, atol=1e-6)
+
+
+def test_a_basis_of_another_size_is_refused(small: Scenario, small_basis: TransportBasis) -> None:
+    wide = changed(small, "camera", width_px=200)
+    with pytest.raises(ValueError, match="160 × 160 px, the camera 200 × 160 px"):
+        chain.electron_rate(wide, small_basis, "eclipse")
+
+
+def test_frames_repeat_and_are_independent_between_cases(small: Scenario) -> None:
+    """Same scenario, same seed, same bytes; another trial, exposure, light, range or seed, other noise."""
+    rate = np.full((64, 64), 1e6)
+    first = chain.take_frame(small, rate, "eclipse", 1e-3)
+    np.testing.assert_array_equal(first.dn, chain.take_frame(small, rate, "eclipse", 1e-3).dn)
+    others = [
+        chain.take_frame(small, rate, "eclipse", 1e-3, trial=1),
+        chain.take_frame(small, rate, "sun", 1e-3),
+        chain.take_frame(small, rate * 1e-3 / 1.001e-3, "eclipse", 1.001e-3),
+        chain.take_frame(small.at(range_m=3.1), rate, "eclipse", 1e-3),
+        chain.take_frame(small.at(seed=2), rate, "eclipse", 1e-3),
+    ]
+    noise = np.array([frame.dn.ravel() - frame.dn.mean() for frame in (first, *others)])
+    correlation = np.corrcoef(noise)[np.triu_indices(len(noise), 1)]
+    # 99.9 % of independent frames' 15 correlations all lie within 4.1 standard errors of zero.
+    assert np.abs(correlation).max() < 4.1 / np.sqrt(noise.shape[1])
+
+
+@pytest.mark.parametrize(
+    ("image", "known"),
+    [
+        (np.full((4, 4), 4095, np.uint16), True),
+        (np.full((4, 4), 4096, np.uint16), False),
+        (np.zeros((4, 4), np.uint8), False),
+        (np.zeros((4, 4), np.float32), False),
+    ],
+)
+def test_noise_is_known_only_of_images_that_the_sensor_can_have_made(
+    small: Scenario, image: np.ndarray, known: bool
+) -> None:
+    assert (chain.noise_model(small, image) is not None) == known
+
+
+@pytest.mark.parametrize("shape", [(160,), (160, 161), (161, 160), (160, 160, 3)])
+def test_an_image_of_another_shape_is_refused(small: Scenario, shape: tuple[int, ...]) -> None:
+    with pytest.raises(ValueError, match="the camera 160×160 px"):
+        chain.look(small, np.zeros(shape, np.uint16))
+
+
+def test_pose_errors_compare_with_the_scenarios_truth(small: Scenario, small_basis: TransportBasis) -> None:
+    frame = chain.take_frame(small, chain.electron_rate(small, small_basis, "eclipse"), "eclipse", 5e-7)
+    pose = chain.look(small, frame.dn).pose
+    angle, relative = chain.pose_errors(small, pose)
+    assert np.degrees(angle) < 2
+    assert relative < 0.01
+    assert chain.pose_errors(small.at(range_m=6), pose)[1] == pytest.approx(0.5, abs=0.01)
+    assert np.isnan(chain.pose_errors(small, None)).all()
+
+
+@pytest.mark.parametrize("tilt", [(0, 0, 0), (20, -25, 0), (-40, 30, 170), (60, 10, -90)])
+def test_every_view_shows_the_face_to_the_camera(small: Scenario, tilt: tuple[float, float, float]) -> None:
+    view = chain.view(changed(small, "target", **dict(zip(("pitch_deg", "yaw_deg", "roll_deg"), tilt, strict=True))))
+    np.testing.assert_allclose(view.rotation, attitude_matrix(*np.radians(tilt)))
+    assert faces_camera(view.rotation, view.translation_m)
+
+
+@pytest.mark.parametrize("range_m", [1.0, 5.0, 20.0])
+def test_bit_pixels_lie_on_their_bits(range_m: float) -> None:
+    """The middle half of each bit, one pixel at least, and where a bit has four pixels or more, none of a neighbour's."""
+    scenario = load_scenario(overrides=("target.pitch_deg=20", "target.yaw_deg=-25")).at(range_m=range_m)
+    view, marker = chain.view(scenario), scenario.marker
+    centres = marker.white_bit_centres_m()
+    pixels = chain.bit_pixels(view, centres)
+    assert len(pixels) == len(centres)
+    for centre, (rows, columns) in zip(centres, pixels, strict=True):
+        assert len(rows) >= 1
+        off = np.abs(chain.on_plane(view, np.column_stack([columns, rows])) - centre[:2])
+        if marker.bit_m * min(chain.bit_scale_px(view)) >= 4:
+            assert (off <= marker.bit_m / 4 + 1e-9).all()
+    np.testing.assert_allclose(chain.on_plane(view, view.to_image(centres)), centres[:, :2], atol=1e-12)

@@ -1,0 +1,155 @@
+"""The closed form agrees with the renderer, and the validation notices where it does not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from detector.sensor import Sensor
+from experiments import chain, validate_figures, validate_tables
+from experiments.scenario import load_scenario
+from experiments.validate import (
+    COARSE_TOLERANCE,
+    DIMS,
+    FINE_TOLERANCE,
+    QUANTITIES,
+    Plan,
+    at_geometry,
+    cropped,
+    noise_statistics,
+    validate,
+    why_not,
+)
+from experiments.visible_marker import hidden_face, visible_tape
+from radiometry import link
+
+PLAN = Plan((3.0, 20.0), (0.05,), (40.0,), (45.0, 75.0), draws=16, rays=200_000)
+
+
+@pytest.fixture(scope="module")
+def dataset() -> xr.Dataset:
+    return validate(PLAN, load_scenario())
+
+
+def test_every_cell_agrees_within_its_tolerance(dataset: xr.Dataset) -> None:
+    assert dataset.signal_rendered.dims == DIMS
+    assert dataset.agrees.all(), list(validate_tables.outside(dataset))
+    assert dataset.tolerance.values.ravel().tolist() == [FINE_TOLERANCE, COARSE_TOLERANCE]
+    assert set(dataset.reason.values.ravel()) == {""}
+
+
+def test_the_error_budget_explains_what_is_left(dataset: xr.Dataset) -> None:
+    for quantity in ("signal", "background"):
+        known = dataset.remainder.sel(quantity=quantity)
+        left = dataset[f"{quantity}_difference"].isel(sensor=0) - known.sel(source=["facets", "sub_pixels"]).sum(
+            "source"
+        )
+        # Two seeds give their standard deviation to a factor of two or so; 1e-3 is the sunlight on the cavities' floors.
+        assert float(abs(left).max()) < 1e-3 + 5 * float(known.sel(source="monte_carlo").max())
+
+
+def test_effects_have_the_size_that_physics_gives_them(dataset: xr.Dataset) -> None:
+    eclipse = dataset.effect_on_signal.sel(light="eclipse", tilt_deg=40.0, size_m=0.05)
+    # The bits are within 1 cm of the axis and the LEDs 5 cm: cos³¹ of 50/3000 is 1 − 31/2 (1/60)² to a tenth.
+    assert float(eclipse.sel(range_m=3.0, effect="led_pattern")) == pytest.approx(31 / 2 / 60**2, rel=0.1)
+    assert float(eclipse.sel(range_m=20.0, effect="neighbours")) > 1  # half of a bit of 0.45 px is its black neighbours
+    assert abs(float(eclipse.sel(range_m=3.0, effect="surroundings"))) < 1e-9  # out of the kernel's reach
+    assert float(eclipse.sel(range_m=20.0, effect="surroundings")) < -1e-3
+
+
+def test_a_wrong_closed_form_is_found_out(dataset: xr.Dataset) -> None:
+    from experiments.validate import _judged
+
+    wrong = dataset.copy(deep=True)
+    wrong["signal_analytic"] *= 1.02
+    judged = _judged(wrong)
+    assert not judged.agrees.sel(range_m=3.0).any()
+    assert judged.agrees.sel(range_m=20.0).all()
+    lines = list(validate_tables.outside(judged))
+    assert len(lines) == judged.sizes["light"] * judged.sizes["sensor"]
+    assert "differs by 1.9" in lines[0] or "differs by 2.0" in lines[0]
+
+
+def test_wrong_noise_is_found_out() -> None:
+    sensor, rate, rng = Sensor(read_noise_electrons=20.0), np.full(200, 1e5), np.random.default_rng(1)
+    right = noise_statistics(sensor, rate, 1e-3, 32, rng)
+    spread = np.sqrt(2 / right["noise_freedom"])
+    assert abs(right["noise_variance_ratio"] - 1) < 4 * spread
+    assert abs(right["noise_mean_z"]) < 4
+    # The same draws held against a sensor with a tenth less read noise.
+    from detector.sensor import moments
+
+    other = moments(sensor.model_copy(update={"read_noise_electrons": 18.0}), rate[:1], 1e-3)[1]
+    ratio = right["noise_variance_ratio"] * moments(sensor, rate[:1], 1e-3)[1] / other
+    assert ratio > 1 + 4 * spread
+
+
+def test_bits_outside_the_frame_are_told_and_not_validated() -> None:
+    plan = Plan((0.3,), (0.20,), (0.0,), (45.0,), rays=100_000)
+    result = validate(plan, load_scenario())
+    assert result.reason.item() == "the ArUco square leaves the frame"
+    assert np.isnan(result.signal_rendered).all()
+    assert result.agrees.all()
+    assert validate_tables.summary(result)["validated"] == 0
+
+
+def test_cropping_moves_no_pixel() -> None:
+    here = at_geometry(load_scenario(), 5.0, 0.1, 40.0)
+    assert why_not(here) == ""
+    small = cropped(here)
+    assert small.camera.width_px < here.camera.width_px
+    shift = (
+        np.array([here.camera.width_px - small.camera.width_px, here.camera.height_px - small.camera.height_px])
+    ) / 2
+    assert np.all(shift == np.round(shift))
+    corners = here.marker.corners_m
+    np.testing.assert_allclose(
+        chain.view(here).to_image(corners) - shift, chain.view(small).to_image(corners), atol=1e-9
+    )
+    a, b = (chain.link_budget(s, "sun") for s in (here, small))
+    assert a.signal_rate == pytest.approx(b.signal_rate, rel=1e-12)
+    assert a.background_rate == pytest.approx(b.background_rate, rel=1e-9)
+
+
+def test_the_tilt_is_the_angle_between_normal_and_line_of_sight() -> None:
+    for tilt_deg in (0.0, 20.0, 40.0):
+        rotation = chain.view(at_geometry(load_scenario(), 4.0, 0.1, tilt_deg)).rotation
+        assert np.degrees(np.arccos(np.clip(-rotation[2, 2], -1, 1))) == pytest.approx(tilt_deg, abs=1e-5)
+
+
+def test_slits_show_their_floor_where_the_blob_is() -> None:
+    """The share of visible floor peaks where the plane through camera and virtual line cuts the front."""
+    view = chain.view(at_geometry(load_scenario(), 4.0, 0.1, 20.0))
+    _, shares = visible_tape(view)
+    printed = len(view.marker.reflective_rectangles_m())
+    assert np.all(shares[:printed] == 1)
+    assert 0 < shares[printed:].max() <= 1 - view.marker.slat_fraction
+    camera = view.to_marker(np.zeros(3))
+    top = view.marker.elements[0]
+    from experiments.visible_marker import _slits
+
+    quads, share = _slits(view.marker, top, camera)
+    centre = (quads.mean(axis=1) @ top.along[:2] * share).sum() / share.sum()
+    pitch = top.length_m / view.marker.slit_count
+    assert centre == pytest.approx(float(top.blob_offset_m(camera)), abs=pitch / 2)
+
+
+def test_the_marker_hides_more_of_the_face_from_the_sun() -> None:
+    view = chain.view(at_geometry(load_scenario(), 4.0, 0.1, 40.0))
+    outlines = hidden_face(view)
+    pixel = view.to_image(np.array([[0.0, 0.0, 0.0]]))
+    camera, sun = (link.reflective_fill(pixel, outlines[key][None], 40.0)[0] for key in ("led", "sun"))
+    assert camera < sun < 1
+
+
+def test_figures_and_table_hold_every_cell(dataset: xr.Dataset, tmp_path: Path) -> None:
+    from experiments.figures import save_svg
+
+    for n, figure in enumerate((validate_figures.agreement(dataset), validate_figures.error_budget(dataset))):
+        assert save_svg(figure, tmp_path / f"{n}.svg").stat().st_size > 10_000
+    lines = validate_tables.cells_csv(dataset).splitlines()
+    assert len(lines) == 1 + dataset.agrees.size
+    assert all(f"{name}_difference" in lines[0] for name in QUANTITIES)

@@ -1,0 +1,141 @@
+"""The rules of the house: which package may import which, what stays out of start-up, where randomness comes from."""
+
+from __future__ import annotations
+
+import ast
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+
+import pytest
+
+PACKAGES = ("radiometry", "materials", "scenes", "detector", "experiments")
+#: Package -> what of this project it may import. A module's name allows that module alone.
+ALLOWED = {
+    "radiometry": ("radiometry",),
+    "materials": ("materials", "radiometry"),
+    "scenes": ("scenes", "materials", "radiometry"),
+    "detector": ("detector", "radiometry", "scenes.marker"),
+    "experiments": PACKAGES,
+}
+RENDERER = ("mitsuba", "drjit")
+#: What a command line that only parses must not load.
+HEAVY = (*RENDERER, "scipy", "cv2", "matplotlib", "xarray", "numpy", "pydantic", "rich", "colour", "OpenEXR")
+ROOT = Path(str(files("radiometry"))).parent
+
+
+@cache
+def modules(package: str) -> dict[str, ast.Module]:
+    """Syntax trees of a package's modules by dotted name."""
+    found = {}
+    for path in sorted((ROOT / package).rglob("*.py")):
+        name = ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+        found[name] = ast.parse(path.read_text(encoding="utf-8"))
+    return found
+
+
+def imported(module: str) -> Iterator[str]:
+    """Dotted names that a module imports anywhere in its text, `from a import b` as a.b where that is a module."""
+    for node in ast.walk(modules(module.split(".")[0])[module]):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{module}, line {node.lineno}: imports are written with the package's name"
+            base = node.module or ""
+            names = [f"{base}.{alias.name}" for alias in node.names]
+            inside = base.split(".")[0] in PACKAGES
+            yield from (n if inside and n in modules(n.split(".")[0]) else base for n in names)
+
+
+ALL = [(package, module) for package in PACKAGES for module in modules(package)]
+
+
+@pytest.mark.parametrize(("package", "module"), ALL, ids=[module for _, module in ALL])
+def test_imports_go_one_way(package: str, module: str) -> None:
+    for name in imported(module):
+        if name.split(".")[0] in PACKAGES:
+            may = any(name == allowed or name.startswith(f"{allowed}.") for allowed in ALLOWED[package])
+            assert may, f"{module} imports {name}; {package} may import {', '.join(ALLOWED[package])}"
+
+
+@pytest.mark.parametrize("package", ["radiometry", "detector"])
+def test_closed_form_and_detector_know_no_renderer_by_name(package: str) -> None:
+    for module in modules(package):
+        assert not {name.split(".")[0] for name in imported(module)} & set(RENDERER), module
+
+
+def loaded(code: str) -> set[str]:
+    """Top-level modules in a fresh interpreter after it ran some code."""
+    code += "\nimport json, sys\nprint('\\n' + json.dumps(sorted({name.split('.')[0] for name in sys.modules})))"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, timeout=120)
+    assert run.returncode == 0, run.stderr
+    return set(json.loads(run.stdout.splitlines()[-1]))
+
+
+def test_closed_form_and_detector_load_no_renderer_through_others() -> None:
+    names = [*modules("radiometry"), *modules("detector")]
+    found = loaded(f"import importlib\nfor name in {names!r}: importlib.import_module(name)")
+    assert "detector" in found
+    assert not found & {*RENDERER, "OpenEXR", "materials", "experiments"}
+
+
+def test_command_line_starts_without_anything_heavy() -> None:
+    """Rationale: `mantis --help` must answer at once, so parsing may load neither renderer nor numerics."""
+    found = loaded(
+        "from experiments import cli\n"
+        "assert cli.main(['--help']) == 0\n"
+        "for verb in list(cli.mantis.commands): assert cli.main([verb, '--help']) == 0, verb"
+    )
+    assert "experiments" in found
+    assert not found & set(HEAVY)
+
+
+GENERATORS = ("default_rng", "Generator", "SeedSequence", "BitGenerator", "PCG64", "Philox")
+#: Together, in one function, they lend numpy's global state to a library that draws from it, and give it back.
+LENT = {"get_state", "seed", "set_state"}
+
+
+def global_draws(tree: ast.AST) -> set[str]:
+    """Names of `np.random` in a piece of code that are not explicit generators."""
+    found = (node for node in ast.walk(tree) if isinstance(node, ast.Attribute))
+    names = {node.attr for node in found if ast.unparse(node.value) in ("np.random", "numpy.random")}
+    return names - set(GENERATORS)
+
+
+@pytest.mark.parametrize(("package", "module"), ALL, ids=[module for _, module in ALL])
+def test_randomness_comes_from_a_generator_that_was_handed_in(package: str, module: str) -> None:
+    tree = modules(package)[module]
+    functions = [node for node in tree.body if isinstance(node, ast.FunctionDef)]
+    outside = [node for node in tree.body if node not in functions]
+    for code in (*functions, *outside):
+        assert global_draws(code) in (set(), LENT), f"{module}, line {code.lineno}: numpy's global generator"
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Call) and ast.unparse(node.func).endswith("default_rng"):
+            assert node.args or node.keywords, f"{module}, line {node.lineno}: default_rng() without a seed"
+    assert "random" not in set(imported(module)), f"{module}: the standard library's generator is global"
+
+
+@pytest.mark.parametrize(("package", "module"), ALL, ids=[module for _, module in ALL])
+def test_data_is_read_from_the_installed_packages_alone(package: str, module: str) -> None:
+    """Rationale: a wheel has no repository around it, so no module may look beside or above its own package."""
+    for node in ast.walk(modules(package)[module]):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and " " not in node.value:
+            assert ".." not in Path(node.value).parts, f"{module}, line {node.lineno}: {node.value} leaves the package"
+        if isinstance(node, ast.Call) and ast.unparse(node.func) == "files" and node.args:
+            source = node.args[0]
+            if isinstance(source, ast.Constant):
+                allowed = {name.split(".")[0] for name in ALLOWED[package]}
+                assert source.value in allowed, f"{module}, line {node.lineno}: reads data of {source.value}"
+        if isinstance(node, (ast.Subscript, ast.Attribute)) and "__file__" in ast.unparse(node):
+            text = ast.unparse(node)
+            climbs = ".parents" in text or text.count(".parent") > 1
+            assert not climbs, f"{module}, line {node.lineno}: {text} leaves the package"
+
+
+@pytest.mark.parametrize(("package", "module"), ALL, ids=[module for _, module in ALL])
+def test_modules_say_what_they_are_for(package: str, module: str) -> None:
+    assert ast.get_docstring(modules(package)[module]), module
