@@ -177,12 +177,13 @@ def validate(options: Options, scenario: str | None, quick: bool, require: str |
     from experiments import validate as study
 
     chosen, out = options.scenario(scenario), options.out or Path("out/validate")
+    out.mkdir(parents=True, exist_ok=True)
     announce_variant(options)
     dataset = with_progress(options, lambda tell: study.run(out, quick, tell, scenario=chosen))
     checks, indirect = crosscheck.run(chosen, out)
     options.say(*validate_tables.tables(dataset, checks, indirect), f"Table, data and figures: {out}")
     outside = [
-        *study.outside(dataset),
+        *validate_tables.outside(dataset),
         *(f"{c.what} differs from {c.by} by {c.difference:.2%}" for c in checks if not c.agrees),
     ]
     options.emit(
