@@ -1,12 +1,14 @@
-"""Prints how much slower `scalar_spectral` renders than `llvm_ad_spectral`: on a plain plate, on retroreflective tape.
+"""Prints how much slower `scalar_spectral` renders than `llvm_ad_spectral`.
 
-Each variant runs in a process of its own, with a point source beside the lens, Mitsuba's `direct` integrator and a
-plate that fills the image. Run it on an idle machine: python benchmarks/variants.py
+First the project's own work, a transport basis of the default geometry; then what it is made of: a plain plate and one of
+retroreflective tape that fill the image, with a point source and Mitsuba's `direct` integrator. Each variant runs in a
+process of its own. Run it on an idle machine: python benchmarks/variants.py
 """
 
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 import time
@@ -56,12 +58,34 @@ def measure(variant: str) -> dict[str, float]:
     return result
 
 
+def basis_seconds() -> float:
+    """Seconds for a transport basis at 4 m, at the quality of `mantis budget --quick`, kernels compiled."""
+    from radiometry.filters import Bandpass
+    from radiometry.optics import Camera, wavelength_nodes
+    from radiometry.sources import LedRing, Sun
+    from scenes.marker import MarkerDesign
+    from scenes.target import Target
+    from scenes.transport import Quality, View, render_basis
+
+    nodes = wavelength_nodes(Bandpass().spectrum())
+    view = View(Camera(), MarkerDesign(), Target(), LedRing(), Sun(), 4.0, nodes)
+    for _ in range(2):  # the first compiles
+        start = time.perf_counter()
+        render_basis(view, Quality(marker_rays=500_000))
+    return time.perf_counter() - start
+
+
 def main() -> None:
     """Measures both variants and prints the ratios."""
     times = {}
     for variant in VARIANTS:
-        done = subprocess.run([sys.executable, __file__, variant], stdout=subprocess.PIPE, text=True, check=True)
+        done = subprocess.run(
+            [sys.executable, __file__, variant],
+            stdout=subprocess.PIPE, text=True, check=True, env={**os.environ, "MANTIS_VARIANT": variant},
+        )  # fmt: skip
         times[variant] = json.loads(done.stdout)
+    fast, slow = times[LLVM_VARIANT]["basis"], times[SCALAR_VARIANT]["basis"]
+    print(f"basis  {fast:8.2f} s under LLVM, {slow:8.2f} s scalar: {slow / fast:.0f} times slower")
     for surface in MATERIALS:
         fast, slow = times[LLVM_VARIANT][surface], times[SCALAR_VARIANT][surface]
         print(f"{surface:6} {fast:8.0f} ns a sample under LLVM, {slow:8.0f} scalar: {slow / fast:.0f} times slower")
@@ -69,6 +93,6 @@ def main() -> None:
 
 if __name__ == "__main__":
     if len(sys.argv) > 1:
-        print(json.dumps(measure(sys.argv[1])))
+        print(json.dumps({**measure(sys.argv[1]), "basis": basis_seconds()}))
     else:
         main()

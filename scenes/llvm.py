@@ -52,8 +52,8 @@ SEARCH_DIRECTORIES = (
     "/usr/local/opt/llvm*/lib",
     "/home/linuxbrew/.linuxbrew/opt/llvm*/lib",
 )
-# `python benchmarks/variants.py` prints these ratios: 5, and 300 to 700 on a busy two-core machine.
-SLOWDOWN = "about 5 times slower on plain surfaces and several hundred times on retroreflective tape"
+# `python benchmarks/variants.py` prints this ratio: 8 to 10 on a two-core machine.
+SLOWDOWN = "about ten times slower"
 
 _LIBRARY_NAME = re.compile(r"libLLVM(?:-(\d+(?:\.\d+)*))?(?:\.so(?:\.(\d+(?:\.\d+)*))?|\.dylib)")
 _VERSIONED_DIRECTORY = re.compile(r"/llvm(?:[-@/]|/[^/]*/)?(\d+(?:\.\d+)*)[^/]*/lib")
