@@ -3,7 +3,7 @@ SHELL := /bin/sh
 PYTHON_VENV := .venv/bin/python
 READY := .venv/.ready
 
-.PHONY: setup budget test lint bench clean
+.PHONY: setup budget test lint quick bench clean
 .DEFAULT_GOAL := budget
 
 setup: $(READY)
@@ -25,6 +25,17 @@ lint: setup
 	.venv/bin/ruff check .
 	.venv/bin/ruff format --check .
 	.venv/bin/mypy
+
+# Every study in its short form, as CI runs it.
+quick: setup
+	.venv/bin/mantis doctor
+	.venv/bin/mantis budget --quick --out out/quick/budget
+	.venv/bin/mantis validate --quick --require agrees --out out/quick/validate
+	rm -rf out/quick/emva1288 && .venv/bin/mantis sensor emva1288 --out out/quick/emva1288
+	.venv/bin/mantis materials --out out/quick/materials
+	.venv/bin/mantis errata --out out/quick/errata
+	.venv/bin/mantis tradeoff --out out/quick/tradeoff
+	OPENBLAS_NUM_THREADS=1 .venv/bin/mantis montecarlo --quick --out out/quick/montecarlo
 
 bench: setup
 	$(PYTHON_VENV) benchmarks/variants.py
