@@ -63,6 +63,7 @@ class _ElementImage:
         self.whole = bool(
             (project(moved, SQUARE) > -0.5).all() and (project(moved, SQUARE) < np.array(image.shape[::-1]) - 0.5).all()
         )
+        pixels = noise.readable(pixels)
         self.count = len(pixels)
         self.gain = 0.0  # chi-square the rough position gains, where most of the blob is in the opening
         if not self.whole or self.count < 8:
@@ -79,7 +80,7 @@ class _ElementImage:
         self.look_from(np.array([0.0, 0.0, range_m]))
         data = gather(image, pixels)
         self.saturated = data >= noise.saturated_above_dn
-        self.noise = noise
+        self.noise = noise.at(pixels)
         ring = half * (1 + 2 * marker.ring_fraction)
         self.data = data - fit.white_dn * ndtr((ring - outwards * v) / sigma_v)
         self.ceiling = noise.saturated_above_dn - (data - self.data)

@@ -41,22 +41,22 @@ LOOKS = (
 
 
 def dark_squares(
-    image: NDArray[np.float32], window: int, threshold: tuple[float, float], ceiling: float
+    image: NDArray[np.float32], window: int, threshold: tuple[float | NDArray[np.float32], float], ceiling: float
 ) -> list[FloatArray]:
     """Quadrilaterals (4, 2) [px], clockwise as seen, around dark components of a float32 image (H, W).
 
-    `window`: side of the surroundings [px]. Bright is what exceeds their mean by √(c₀ + c₁ · mean), `threshold` (c₀, c₁),
-    or reaches the `ceiling`.
+    `window`: side of the surroundings [px]. Bright is what exceeds their mean by √(c₀ + c₁ · mean), `threshold` (c₀, c₁;
+    c₀ may be of each pixel, (H, W)), or reaches the `ceiling`.
     """
     mean = cv2.blur(image, (window, window), borderType=cv2.BORDER_REPLICATE)
     constant, slope = threshold
     if slope > 0:
         limit = mean * np.float32(slope)
-        limit += np.float32(constant)
+        limit += np.asarray(constant, np.float32)
         np.sqrt(np.maximum(limit, np.float32(0), out=limit), out=limit)
         limit += mean
     else:
-        limit = mean + np.float32(np.sqrt(constant))
+        limit = np.asarray(mean + np.sqrt(np.asarray(constant, np.float32)))
     dark = image <= np.minimum(limit, np.nextafter(np.float32(ceiling), np.float32(-np.inf)), out=limit)
     _, labels, stats, _ = cv2.connectedComponentsWithStats(dark.view(np.uint8), connectivity=4, ltype=cv2.CV_32S)
     left, top, width, height, area = stats.T
@@ -110,18 +110,31 @@ def search(image: np.ndarray, noise: NoiseModel) -> Iterator[tuple[FloatArray, f
     plain = image.astype(np.float32)
     gain, ceiling = noise.gain_dn_per_electron, noise.saturated_above_dn
     constant = noise.read_noise_dn**2 - gain * noise.offset_dn
+    extra = noise.extra_variance_dn2
+    if extra is not None:  # a clipped reading that says nothing to a fit still is bright or dark
+        extra = np.where(np.isfinite(extra), extra, 0.0).astype(np.float32)
     for look in LOOKS:
         shape = (image.shape[1] // look.binning, image.shape[0] // look.binning)
         if min(shape) < 16:
             return
         copy, averaged = plain, 1.0
         if look.binning > 1:
-            whole = plain[: shape[1] * look.binning, : shape[0] * look.binning]
-            copy = np.asarray(cv2.resize(whole, shape, interpolation=cv2.INTER_AREA), np.float32)
+            copy = _binned(plain, shape, look.binning)
         if look.blur > 0:
             copy = np.asarray(cv2.GaussianBlur(copy, (0, 0), look.blur), np.float32)
             # A Gaussian of deviation s averages over 4πs² pixels.
             averaged = 4 * np.pi * (look.blur * look.binning) ** 2
         scale = look.sigmas**2 / averaged
-        for quad in dark_squares(copy, look.window, (scale * constant, scale * gain), ceiling):
+        offset: float | NDArray[np.float32] = scale * constant
+        if extra is not None:
+            offset = np.float32(offset) + np.float32(scale) * _binned(extra, shape, look.binning)
+        for quad in dark_squares(copy, look.window, (offset, scale * gain), ceiling):
             yield quad * look.binning + (look.binning - 1) / 2, look.blur * look.binning
+
+
+def _binned(image: NDArray[np.float32], shape: tuple[int, int], binning: int) -> NDArray[np.float32]:
+    """Means over squares of `binning` pixels; `shape` is the result's (width, height)."""
+    if binning == 1:
+        return image
+    whole = image[: shape[1] * binning, : shape[0] * binning]
+    return np.asarray(cv2.resize(whole, shape, interpolation=cv2.INTER_AREA), np.float32)

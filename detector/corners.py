@@ -73,9 +73,10 @@ def _fit(
     origin = np.round(corners_px.mean(0))
     matrix = homography(corners_px - origin)
     pixels = _pixels_to_fit(image.shape, pattern, matrix, origin, sigma_px)
+    pixels = noise.readable(pixels)
     if len(pixels) < 60:
         return None
-    data = gather(image, pixels)
+    data, noise = gather(image, pixels), noise.at(pixels)
     pixels = pixels - origin
     saturated = data >= noise.saturated_above_dn
     state = _evaluate(pattern, PixelSet(pixels, matrix, sigma_px), matrix, data, saturated, noise, None)

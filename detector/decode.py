@@ -57,10 +57,11 @@ class Decoder:
         reach = 1 + 2 * self.pattern.marker.ring_fraction
         absolute = homography(corners_px)
         pixels = pixels_within(absolute, reach, (image.shape[0], image.shape[1]), most=MAX_PIXELS)
+        pixels = noise.readable(pixels)
         if len(pixels) < 40:
             return None
         data = np.minimum(gather(image, pixels), noise.saturated_above_dn)
-        grain = float(noise.variance(data).sum())
+        grain = float(noise.at(pixels).variance(data).sum())
         data -= data.mean()
         # What noise adds to the variance is no fault of the match; it never is all of it.
         power = float(data @ data)

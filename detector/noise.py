@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,6 +22,9 @@ class NoiseModel:
     read_noise_dn: float
     offset_dn: float = 0.0
     saturation_dn: float = np.inf
+    extra_variance_dn2: FloatArray | None = field(default=None, compare=False, repr=False)
+    """Variance beyond that of shot and read noise, by pixel: (H, W), or (n,) after `at` [DN²]. Infinite where a reading says
+    nothing. A difference of two frames has it from the light that was subtracted."""
 
     def __post_init__(self) -> None:
         for key in ("gain_dn_per_electron", "read_noise_dn"):
@@ -40,9 +43,25 @@ class NoiseModel:
         )
 
     def variance(self, dn: ArrayLike) -> FloatArray:
-        """Temporal variance [DN²] of a pixel of mean `dn`: σ_r² + gain · (DN − offset)."""
+        """Temporal variance [DN²] of a pixel of mean `dn`: σ_r² + gain · (DN − offset), and the extra one of its place.
+
+        With an extra variance, `dn` must have its shape.
+        """
         signal = np.maximum(np.asarray(dn, float) - self.offset_dn, 0.0)
-        return self.read_noise_dn**2 + self.gain_dn_per_electron * signal
+        variance = self.read_noise_dn**2 + self.gain_dn_per_electron * signal
+        return variance if self.extra_variance_dn2 is None else variance + self.extra_variance_dn2
+
+    def at(self, pixels: FloatArray) -> NoiseModel:
+        """The model of some pixels: positions (n, 2), column and row."""
+        if self.extra_variance_dn2 is None:
+            return self
+        column, row = pixels.astype(np.intp).T
+        return replace(self, extra_variance_dn2=self.extra_variance_dn2[row, column])
+
+    def readable(self, pixels: FloatArray) -> FloatArray:
+        """Those of some pixels (n, 2) whose readings say something."""
+        extra = self.at(pixels).extra_variance_dn2
+        return pixels if extra is None else pixels[np.isfinite(extra)]
 
 
 def estimate_noise(image: np.ndarray) -> NoiseModel:

@@ -76,9 +76,9 @@ def run_budget(
             if out_dir is not None:
                 exr.write_basis(basis, out_dir / "transport" / f"range_{range_m:06.2f}m.exr")
             for light in plan.lights:
-                budget = chain.link_budget(here, light)
-                seconds = [chain.exposure_s(here, budget, e) for e in plan.exposures_s]
                 rate = chain.electron_rate(here, basis, light)
+                budget = chain.link_budget_beside(here, light, rate)
+                seconds = [chain.exposure_s(here, budget, e) for e in plan.exposures_s]
                 known = known_values(here, light, budget, rate, seconds)
                 pending.append((submit(here, rate, light, seconds), known))
                 if progress:

@@ -229,8 +229,8 @@ def link_budget(scenario: Scenario, light: str, mean_rate: float | None = None) 
     """The closed-form budget of the scenario's range in an illumination.
 
     Args:
-        mean_rate: electrons per second and pixel of the whole frame, for veiling glare to spread; absent, the closed form's own
-            estimate.
+        mean_rate: electrons per second and pixel of the whole imaged frame, without stray light from outside it, for veiling
+            glare to spread; absent, the closed form's own estimate (`frame_light`).
     """
     scene_view, marker, target = view(scenario), scenario.marker, scenario.target
     response, strength = responsivity(scenario), strengths(scenario)
@@ -263,7 +263,9 @@ def link_budget(scenario: Scenario, light: str, mean_rate: float | None = None) 
         ends = np.cumsum([len(p) for p in pixels])[:-1]
 
         def share(polygons_px: FloatArray, parts: FloatArray) -> FloatArray:  # mean over each bit's pixels
-            pixel_share = link.reflective_fill(np.concatenate(pixels), polygons_px, scene_view.camera.psf_sigma_px, parts)
+            pixel_share = link.reflective_fill(
+                np.concatenate(pixels), polygons_px, scene_view.camera.psf_sigma_px, parts
+            )
             return np.array([part.mean() for part in np.split(pixel_share, ends) if len(part)])
 
         fill, centres = share(*tape), centres_m[seen]
@@ -300,8 +302,20 @@ def _earth_transport(scene_view: View, brdf: link.Brdf, wavelength_nm: FloatArra
     assert scene_view.earth is not None
     viewer = scene_view.to_marker(np.zeros(3))
     return earth_transport(
-        viewer / np.linalg.norm(viewer), scene_view.earth_in_marker, scene_view.earth.angular_radius_rad, brdf, wavelength_nm
+        viewer / np.linalg.norm(viewer),
+        scene_view.earth_in_marker,
+        scene_view.earth.angular_radius_rad,
+        brdf,
+        wavelength_nm,
     )
+
+
+def link_budget_beside(scenario: Scenario, light: str, rate: FloatArray) -> LinkBudget:
+    """The closed-form budget, with the veil that a rendered frame's own mean rate (height, width) spreads."""
+    if scenario.camera.veiling_glare == 0:
+        return link_budget(scenario, light)
+    stray_rate = sun_stray_rate(scenario) if "sun" in LIGHTS_ON[light] else 0.0
+    return link_budget(scenario, light, float(rate.mean()) - stray_rate)
 
 
 def exposure_s(scenario: Scenario, budget: LinkBudget, exposure: float | str) -> float:
@@ -403,7 +417,4 @@ def bit_pixels(scene_view: View, centres_m: FloatArray) -> list[tuple[NDArray[np
 
 def on_plane(scene_view: View, image_px: FloatArray) -> FloatArray:
     """Marker-plane coordinates (n, 2) [m] of image positions (n, 2)."""
-    homography = scene_view.camera.matrix @ np.column_stack([scene_view.rotation[:, :2], scene_view.translation_m])
-    ideal_px = scene_view.camera.undistort_px(image_px)
-    points = np.column_stack([ideal_px, np.ones(len(ideal_px))]) @ np.linalg.inv(homography).T
-    return points[:, :2] / points[:, 2:]
+    return scene_view.to_plane(image_px)

@@ -241,9 +241,9 @@ def _case(scenario: Scenario, store: TransportCache) -> dict[str, Any]:
     quality = Quality(scenario.render.frame_samples, scenario.render.marker_rays, scenario.seed)
     basis = store.basis(chain.view(scenario), quality)
     light = scenario.light
-    budget = chain.link_budget(scenario, light)
-    seconds = chain.exposure_s(scenario, budget, scenario.exposure_s)
     rate = chain.electron_rate(scenario, basis, light)
+    budget = chain.link_budget_beside(scenario, light, rate)
+    seconds = chain.exposure_s(scenario, budget, scenario.exposure_s)
     [drawn] = trials.draw(scenario, rate, light, [seconds])
     known = trials.known_values(scenario, light, budget, rate, [seconds])
     values = {**{name: value for name, [value] in known.items()}, **drawn.values, "px_per_bit": budget.px_per_bit}

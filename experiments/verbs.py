@@ -171,7 +171,7 @@ def expose(options: Options, basis: Path, scenario: str | None, trial: int) -> N
     transport = read_basis(basis)
     chain.check_geometry(chosen, transport, basis)
     rate = chain.electron_rate(chosen, transport, chosen.light)
-    seconds = chain.exposure_s(chosen, chain.link_budget(chosen, chosen.light), chosen.exposure_s)
+    seconds = chain.exposure_s(chosen, chain.link_budget_beside(chosen, chosen.light, rate), chosen.exposure_s)
     frame = chain.take_frame(chosen, rate, chosen.light, seconds, trial)
     if options.out.suffix.lower() == ".png":
         from experiments.files import write_png

@@ -97,7 +97,9 @@ def reach(lens: BrownConrady, half_width: float, half_height: float) -> float:
     return radius
 
 
-def distort_everywhere(lens: BrownConrady, x: FloatArray, y: FloatArray, reach_tangent: float) -> tuple[FloatArray, FloatArray]:
+def distort_everywhere(
+    lens: BrownConrady, x: FloatArray, y: FloatArray, reach_tangent: float
+) -> tuple[FloatArray, FloatArray]:
     """Distorted coordinates, going straight on outwards beyond a radius, where the polynomial would fold back into the frame."""
     radius = np.hypot(x, y)
     inner = np.minimum(1.0, reach_tangent / np.maximum(radius, 1e-300))

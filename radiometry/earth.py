@@ -36,7 +36,10 @@ def earth_transport(
     apart = float(np.arctan2(np.linalg.norm(sideways), earth @ viewer))
     nearest, furthest = max(0.0, apart - angular_radius_rad), min(np.pi, apart + angular_radius_rad)
     bends = [angular_radius_rad - apart, 2 * np.pi - apart - angular_radius_rad, nearest, furthest]
-    edges = np.unique(np.clip([*np.geomspace(1e-4, np.pi, 28), 0.0, *bends], nearest, furthest))
+    # Arcs begin and end like square roots of the distance from the first and last ring.
+    ends = (furthest - nearest) * np.geomspace(1e-4, 0.5, 8)
+    edges = np.concatenate([np.geomspace(1e-4, np.pi, 28), bends, nearest + ends, furthest - ends, [0.0]])
+    edges = np.unique(np.clip(edges, nearest, furthest))
     half = np.diff(edges)[:, None] / 2
     ring = (edges[:-1, None] + half * (1 + _ACROSS)).ravel()
     ring_weight = (half * _ACROSS_WEIGHTS).ravel() * np.sin(ring)

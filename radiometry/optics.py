@@ -50,7 +50,8 @@ class Camera(BaseModel):
     p2: Coefficient = Field(0.0, description="tangential distortion, mainly along x [-]")
     k3: Coefficient = Field(0.0, description="radial distortion r⁶ [-]")
     vignetting: Fraction = Field(
-        0.0, description="light lost at the detector's corner beyond natural fall-off; grows with the square of the image radius"
+        0.0,
+        description="light lost at the detector's corner beyond natural fall-off; grows with the square of the image radius",
     )
     veiling_glare: Fraction = Field(
         0.0, description="fraction of the frame's light that the lens scatters evenly over the frame"
@@ -71,8 +72,8 @@ class Camera(BaseModel):
             and np.all((table[:, 1] > 0) & (table[:, 1] <= 1))
         ):
             raise ValueError(
-                f"point_source_transmittance: {table.tolist()}, expected two or more rows [angle, transmittance] with angles that "
-                "increase within 0-180 deg and transmittances above 0 and up to 1"
+                f"point_source_transmittance: {table.tolist()}, expected two or more rows [angle, transmittance] with angles "
+                "that increase within 0-180 deg and transmittances above 0 and up to 1"
             )
         return self
 

@@ -58,16 +58,19 @@ class Earth(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     phase_deg: Annotated[float, Field(ge=0, le=180)] = Field(
-        90.0, description="angle between the Earth's centre and the camera, seen from the target [deg]; 90: both on one orbit"
+        90.0,
+        description="angle between the Earth's centre and the camera, seen from the target [deg]; 90: both on one orbit",
     )
     azimuth_deg: Annotated[float, Field(ge=-360, le=360)] = Field(
         -90.0, description="side on which the Earth stands: 0 to the camera's right, 90 above [deg]"
     )
     angular_radius_deg: Annotated[float, Field(gt=0, le=85)] = Field(
-        70.0, description="half the angle that the disc fills [deg]; 70: asin of 6371 km over 6371 + 400 km, low Earth orbit"
+        70.0,
+        description="half the angle that the disc fills [deg]; 70: asin of 6371 km over 6371 + 400 km, low Earth orbit",
     )
     albedo: Fraction = Field(
-        0.3, description="reflected over received sunlight, the same at all wavelengths; 0.3: mean of the planet (Bond albedo)"
+        0.3,
+        description="reflected over received sunlight, the same at all wavelengths; 0.3: mean of the planet (Bond albedo)",
     )
 
     @property

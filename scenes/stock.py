@@ -51,7 +51,9 @@ def stock_scene(
     from materials import plugins
 
     if view.camera.distorted:
-        raise ValueError("camera.k1, k2, p1, p2, k3: Mitsuba's own camera has no distortion; expected zeros, or the LLVM renderer")
+        raise ValueError(
+            "camera.k1, k2, p1, p2, k3: Mitsuba's own camera has no distortion; expected 0, or the LLVM renderer"
+        )
     plugins.register()
     mesh_folder.mkdir(parents=True, exist_ok=True)
     scene: dict[str, Any] = {
@@ -121,7 +123,8 @@ def _sensor(view: View, film: dict[str, Any], offset_px: tuple[float, float], pi
     to_world[:3, :3] = view.rotation.T @ np.diag([-1.0, -1.0, 1.0])
     to_world[:3, 3] = view.to_marker(np.zeros(3)) * MM_PER_M
     return {
-        "type": "perspective", "film": film, "to_world": mi.ScalarTransform4f(to_world), "near_clip": 1.0, "far_clip": 1e6,
+        "type": "perspective", "film": film, "to_world": mi.ScalarTransform4f(to_world),
+        "near_clip": 1.0, "far_clip": 100 * _DISC_DISTANCE_MM,
         "fov_axis": "x", "fov": float(np.degrees(2 * np.arctan(film["width"] * pixel_rad / 2))),
         "principal_point_offset_x": offset_px[0] / film["width"],
         "principal_point_offset_y": offset_px[1] / film["height"],

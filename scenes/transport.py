@@ -5,7 +5,8 @@ renderer is direct light only (indirect light adds up to 0.7 % in the Sun and 0.
 sub-pixel, one light sample per ray, then a fixed point-spread ⊗ pixel kernel, so that neighbouring pixels share their rays.
 
 Units: the LED basis is radiance per unit on-axis intensity of the whole ring [m⁻²], the Sun's is radiance per unit irradiance
-square to the Sun [sr⁻¹], the Earth's is radiance per unit radiance of its disc [-]. The renderer's own scene is in millimetres, for its ray offsets would swallow the slits in metres.
+square to the Sun [sr⁻¹], the Earth's is radiance per unit radiance of its disc [-]. The renderer's own scene is in millimetres,
+for its ray offsets would swallow the slits in metres.
 """
 
 from __future__ import annotations
@@ -92,6 +93,13 @@ class View:
     def to_image(self, points_marker_m: FloatArray) -> FloatArray:
         """Image positions (..., 2) [px] of points (..., 3) of the marker frame [m]."""
         return self.camera.project(points_marker_m @ self.rotation.T + self.translation_m)
+
+    def to_plane(self, image_px: FloatArray) -> FloatArray:
+        """Coordinates (n, 2) [m] on the marker's plane of what is seen at image positions (n, 2) [px]."""
+        homography = self.camera.matrix @ np.column_stack([self.rotation[:, :2], self.translation_m])
+        ideal_px = self.camera.undistort_px(image_px)
+        points = np.column_stack([ideal_px, np.ones(len(ideal_px))]) @ np.linalg.inv(homography).T
+        return points[:, :2] / points[:, 2:]
 
 
 @dataclass(frozen=True)

@@ -91,7 +91,12 @@ def another(key: str) -> Any:
     return value * 0.99 if value else 0.25
 
 
-@pytest.mark.parametrize("key", LEAVES)
+def test_the_digest_changes_with_an_optional_section() -> None:
+    lit, brighter = load_scenario(overrides=("earth.albedo=0.3",)), load_scenario(overrides=("earth.albedo=0.4",))
+    assert len({DEFAULT.digest(), lit.digest(), brighter.digest()}) == 3
+
+
+@pytest.mark.parametrize("key", [key for key in LEAVES if value_of(DEFAULT, key) is not None or key in OTHERS])
 def test_the_digest_changes_with_every_key(key: str) -> None:
     value = another(key)
     text = json.dumps(list(value) if isinstance(value, tuple) else value)
