@@ -18,7 +18,6 @@ from experiments import chain
 from experiments.scenario import Scenario
 from radiometry.geometry import FloatArray
 from radiometry.sources import am0_spectrum
-from radiometry.spectrum import Spectrum
 from scenes import stock
 from scenes.llvm import activate_variant
 from scenes.transport import MM_PER_M, Region
@@ -146,35 +145,37 @@ def _sampled(what: str, by: str, values: list[np.floating]) -> Agreement:
 
 
 def spectral_integrals(scenario: Scenario) -> list[Agreement]:
-    """∫ AM0 · filter · QE · λ/(hc) dλ and the LED line's, by colour-science's alignment, interpolation and integration.
+    """∫ source · filter · QE · λ/(hc) dλ of Sun and LED line, interpolated and integrated by colour-science.
 
-    colour interpolates the solar spectrum by its own default (Sprague on even, cubic spline on uneven grids), ours is linear.
+    colour is given the solar spectrum at its own knots, 1 nm apart, and the line every 0.5 nm; it interpolates both by Sprague's
+    method to 1/32 nm. Ours is linear between the knots.
     """
     import colour
 
     response = chain.responsivity(scenario)
+    low, high = np.floor(response.support_nm[0]), np.ceil(response.support_nm[1])
+    shape = colour.SpectralShape(low, high, 1 / 32)  # a power of two: colour's grids must divide exactly
+    camera = _distribution(shape.wavelengths, response(shape.wavelengths))
+    sun = am0_spectrum() * scenario.sun.distance_au**-2
+    line, near = (
+        scenario.leds.spectral_intensity(),
+        np.abs(sun.wavelength_nm - (low + high) / 2) < (high - low) / 2 + 10,
+    )
+    grid = np.arange(low - 10, high + 10, 0.5)
     result = []
-    sources = {"sun": am0_spectrum() * scenario.sun.distance_au**-2, "led": scenario.leds.spectral_intensity()}
-    for name, source in sources.items():
-        step = 0.05
-        low, high = response.support_nm
-        shape = colour.SpectralShape(low, high, step)
-        lef = _distribution(response, "response").align(shape, interpolator=colour.LinearInterpolator)
-        sd = _distribution(source, name).align(shape)
+    for name, spectrum, knots in (("sun", sun, sun.wavelength_nm[near]), ("led", line, grid)):
+        source = _distribution(knots, spectrum(knots)).align(shape)
         # colour's luminous flux is K ∫ V(λ) Φ(λ) dλ; with our responsivity for V and K = 1 it is the electron rate.
-        theirs = colour.luminous_flux(sd, lef, K_m=1.0)
-        result.append(
-            Agreement(
-                f"electrons per unit transport, {name}", "colour-science", (source * response).integral(), float(theirs)
-            )
-        )
+        theirs = float(colour.luminous_flux(source, camera, K_m=1.0))
+        ours = (spectrum * response).integral()
+        result.append(Agreement(f"electrons per unit transport, {name}", "colour-science", ours, theirs))
     return result
 
 
-def _distribution(spectrum: Spectrum, name: str) -> Any:
+def _distribution(wavelength_nm: FloatArray, values: FloatArray) -> Any:
     import colour
 
-    return colour.SpectralDistribution(dict(zip(spectrum.wavelength_nm, spectrum.values, strict=True)), name=name)
+    return colour.SpectralDistribution(dict(zip(wavelength_nm, values, strict=True)))
 
 
 def prysm_electrons(

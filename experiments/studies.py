@@ -238,7 +238,90 @@ def montecarlo(options: Options, quick: bool) -> None:
     options.emit({"out": out, "outliers": [dict(zip(header, row, strict=True)) for row in rows]})
 
 
+@click.command()
+@click.argument("constraints", metavar="[CONSTRAINTS.toml]", required=False, type=click.Path(path_type=Path))
+@click.option("--quick", is_flag=True, help="Fewer worlds, and two sets confirmed at three ranges: within a minute.")
+@click.option("--no-render", is_flag=True, help="The closed form alone, nothing confirmed.")
+@click.option("--require", type=click.Choice(["closes"]), help="Exit status 4 where no set closes and is confirmed.")
+@click.option("--workers", type=click.IntRange(1), help="Processes for the noise draws; default one a core.")
+@shared_options
+def close(
+    options: Options, constraints: Path | None, quick: bool, no_render: bool, require: str | None, workers: int | None
+) -> None:
+    """Find the parameter sets that close the whole range, confirm them by rendering, and say what the margin hangs on.
+
+    Writes report.html, closure.md, figures and tables into the folder --out (default out/close). --set KEY=VALUE changes the
+    scenario, --set close.KEY=VALUE the constraints.
+    """
+    from experiments import close as study
+    from experiments import close_confirm, close_page, close_report
+    from experiments.close_constraints import load_constraints
+    from experiments.console import plain_table
+
+    limits, base = load_constraints(constraints, options.overrides, options.seed)
+    out, limits = options.out or Path("out/close"), study.quick(limits) if quick else limits
+    found = study.study(limits, base, study.QUICK_DRAWS if quick else study.DRAWS)
+    chosen = {p.label: p for p in (found.to_confirm[:1] + found.to_confirm[-1:] if quick else found.to_confirm)}
+    records = []
+    if chosen and not no_render:
+        announce_variant(options)
+        records = with_progress(
+            options, lambda tell: close_confirm.confirm(tuple(chosen.values()), limits, base, tell, workers)
+        )
+    command = " ".join(["mantis close", *([str(constraints)] if constraints else []), *(["--quick"] if quick else [])])
+    close_report.write(found, records, out, command + "".join(f" --set {o}" for o in options.overrides))
+    confirmed = close_confirm.summarise(records)
+    options.say(close_page.headline(found, confirmed))
+    if found.lead is not None:
+        for title, rows in (
+            ("Sets that close", close_page.proposed_rows(found, confirmed)),
+            ("The thesis's hardware", close_page.hardware_rows(found)),
+        ):
+            options.say(plain_table(title, *rows))
+        said = close_page.words(found, confirmed)
+        options.say(*(f"→ {close_page.plain(said[key])}" for key in ("binds", "sensitivity", "chance", "hardware")))
+    options.say(f"Report: {out / 'report.html'}   Page: {out / 'closure.md'}")
+    options.emit(close_page.as_json(found, confirmed))
+    if require and not any(c.confirmed for c in confirmed):
+        raise RequirementNotMet(close_page.headline(found, confirmed))
+
+
+@click.command()
+@click.argument("scenario", required=False)
+@click.option("--quick", is_flag=True, help="One range, four phase angles: a first look within a minute.")
+@click.option(
+    "--workers", type=click.IntRange(0), help="Processes beside the renderer's; 0 is none, default one a core."
+)
+@click.option(
+    "--require", type=click.Choice(["pair"]), help="Exit status 4 where the on/off pair misses the requirement."
+)
+@shared_options
+def glare(options: Options, scenario: str | None, quick: bool, workers: int | None, require: str | None) -> None:
+    """Detection and pose over the Sun's direction and range, counter-measure by counter-measure.
+
+    Takes some ten minutes in full. Writes glare.html, glare.md, figures and data into the folder --out (default out/glare).
+    """
+    from experiments import glare_report as study
+    from experiments.console import plain_table
+    from experiments.glare_tables import HEADINGS, TERMINAL, mode_rows, verdicts
+
+    chosen, out = options.scenario(scenario), options.out or Path("out/glare")
+    announce_variant(options)
+    result = with_progress(options, lambda tell: study.study(chosen, quick, tell, workers))
+    study.write(result, out, "mantis glare" + (f" {scenario}" if scenario else "") + (" --quick" if quick else ""))
+    rows = mode_rows(result.summary)
+    short = [[line[k] for k in TERMINAL] for line in (HEADINGS, *rows)]
+    options.say(*study.findings(result), plain_table("Worst phase of each group", *short), f"Report and data: {out}")
+    met = verdicts(result.summary, study.TARGET_MODE)[0]
+    rows_out = [dict(zip(HEADINGS, row, strict=True)) for row in rows]
+    options.emit({"headline": study.headline(result), "meets": met, "modes": rows_out, "out": out})
+    if require and not met:
+        raise RequirementNotMet(study.headline(result))
+
+
 VERBS: tuple[click.Command, ...] = (
+    glare,
+    close,
     tradeoff,
     montecarlo,
     validate,

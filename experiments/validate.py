@@ -66,7 +66,7 @@ class Plan:
     phases_deg: tuple[float, ...] = (15.0, 45.0, 75.0)
     sensors: tuple[str, ...] = (SCENARIO_SENSOR, "icx429al")
     draws: int = 16
-    rays: int = 1_000_000
+    rays: int = 2_000_000
 
 
 FULL = Plan()
@@ -149,7 +149,7 @@ def validate(plan: Plan, scenario: Scenario, progress: Progress | None = None) -
         },
         attrs={"title": "Closed form against rendering", "draws": plan.draws, **chain.provenance(scenario)},
     )  # fmt: skip
-    return _judged(dataset)
+    return judged(dataset)
 
 
 def at_geometry(scenario: Scenario, range_m: float, size_m: float, tilt_deg: float) -> Scenario:
@@ -175,15 +175,16 @@ def why_not(scenario: Scenario) -> str:
 def cropped(scenario: Scenario) -> Scenario:
     """The same camera with only its middle, around the ArUco square: every pixel keeps its place in the scene.
 
-    Counts keep their parity, and so the optical axis its place between pixels.
+    Counts keep their parity, and so the optical axis its place between pixels. Veiling glare is left out: it spreads the light
+    of the whole frame.
     """
     camera, margin_px = scenario.camera, 4
     reach = np.abs(chain.view(scenario).to_image(scenario.marker.corners_m) - camera.principal_point_px).max(axis=0)
-    size = {}
+    size: dict[str, int] = {}
     for key, half in zip(("width_px", "height_px"), reach, strict=True):
         full = getattr(camera, key)
         size[key] = min(full, max(16 + full % 2, 2 * int(np.ceil(half + margin_px)) + full % 2))
-    return scenario.at(camera=camera.model_dump() | size)
+    return scenario.at(camera=camera.model_dump() | size | {"veiling_glare": 0.0})
 
 
 class _Bits:
@@ -315,8 +316,8 @@ def noise_statistics(
     return {"noise_variance_ratio": float(ratio), "noise_mean_z": float(z), "noise_freedom": len(rate) * (draws - 1.0)}
 
 
-def _judged(dataset: xr.Dataset) -> xr.Dataset:
-    """The dataset with differences, limits and verdicts."""
+def judged(dataset: xr.Dataset) -> xr.Dataset:
+    """A dataset of both sides of every cell with differences, limits and verdicts, made anew."""
     for name in QUANTITIES:
         dataset[f"{name}_difference"] = dataset[f"{name}_rendered"] / dataset[f"{name}_analytic"] - 1
     dataset["tolerance"] = xr.where(dataset.px_per_bit >= FINE_PX_PER_BIT, FINE_TOLERANCE, COARSE_TOLERANCE)

@@ -18,6 +18,7 @@ _LINEAR_PERCENT = 0.01
 def agreement(dataset: xr.Dataset) -> Figure:
     """Rendered over closed form, less one, against pixels per bit: every cell, with the bands of the requirement."""
     figure, axes = new_figure(2, 2, (7.2, 5.6), sharex=True, sharey=True)
+    figure.set_dpi(220)  # of the points, thousands of which would swell the file
     px_per_bit = dataset.px_per_bit.broadcast_like(dataset.signal_difference)
     low, high = 0.85 * float(px_per_bit.min()), 1.18 * float(px_per_bit.max())
     for axis, name in zip(axes.flat, QUANTITIES, strict=True):
@@ -29,7 +30,17 @@ def agreement(dataset: xr.Dataset) -> Figure:
         for k, light in enumerate(dataset.light.values):
             cells = {"light": light}
             x, y = px_per_bit.sel(cells).values.ravel(), 100 * dataset[f"{name}_difference"].sel(cells).values.ravel()
-            axis.plot(x, y, MARKERS[k], ms=2.2, mew=0, color=COLOURS[k], alpha=0.7, label=light.replace(" deg", "°"))
+            axis.plot(
+                x,
+                y,
+                MARKERS[k],
+                ms=2.2,
+                mew=0,
+                color=COLOURS[k],
+                alpha=0.7,
+                rasterized=True,
+                label=light.replace(" deg", "°"),
+            )
         axis.axhline(0, color=BLACK, lw=0.6)
         axis.set_title(_TITLES[name])
         axis.set(xscale="log", xlim=(low, high), ylim=(-6, 6))

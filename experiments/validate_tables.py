@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 import xarray as xr
 from rich.table import Table
+from scipy import stats
 
 from experiments.crosscheck import Agreement
 from experiments.validate import COARSE_TOLERANCE, CONFIDENCE, DIMS, FINE_PX_PER_BIT, FINE_TOLERANCE, QUANTITIES
@@ -31,9 +32,15 @@ def tables(dataset: xr.Dataset, checks: list[Agreement], indirect: dict[str, flo
     cells = facts["validated"]
     lines = [
         f"{cells - facts['outside']:.0f} of {cells:.0f} cells agree ({facts['cells'] - cells:.0f} are not in the frame).",
-        f"Noise: variance of {dataset.attrs['draws']} draws within {facts['noise_worst_sigma']:.1f} standard deviations of the "
-        f"closed form, limits for all cells together at {CONFIDENCE:.1%}.",
+        f"What facets and sub-pixels do not explain: {facts['signal_unexplained']:.2%} of the signal, "
+        f"{facts['background_unexplained']:.2%} of the background at most.",
     ]
+    if cells:
+        lines.append(
+            f"Noise: variance over {dataset.attrs['draws']} draws is {facts['noise_pooled_ratio']:.4f} ± "
+            f"{facts['noise_pooled_uncertainty']:.4f} times the closed form's; "
+            f"worst cell at {facts['noise_worst_sigma']:.1f} sigma, all held together at {CONFIDENCE:.1%}."
+        )
     return [by_quantity, *lines, *list(outside(dataset))[:10], crosschecks]
 
 
@@ -66,7 +73,15 @@ def summary(dataset: xr.Dataset) -> dict[str, float]:
         result[f"{name}_worst_fine"], result[f"{name}_worst_coarse"] = (
             float(size.where(side).max()) for side in (fine, ~fine)
         )
-    # Deviation of the variance in units of its own standard deviation, √(2/n).
-    ratio, freedom = dataset.noise_variance_ratio, dataset.noise_freedom
-    result["noise_worst_sigma"] = float(abs((ratio - 1) / np.sqrt(2 / freedom)).max())
+    for quantity in ("signal", "background"):
+        known = dataset.remainder.sel(quantity=quantity, source=["facets", "sub_pixels"]).sum("source")
+        result[f"{quantity}_unexplained"] = float(abs(dataset[f"{quantity}_difference"] - known).max())
+    # The variances' scores as a normal variable would have them; pooled over all cells their ratio is 1.
+    freedom = dataset.noise_freedom.values
+    chi2 = dataset.noise_variance_ratio.values * freedom
+    score = stats.norm.isf(np.minimum(stats.chi2.sf(chi2, freedom), stats.chi2.cdf(chi2, freedom)))
+    if validated.any():
+        result["noise_worst_sigma"] = float(np.nanmax(score))
+        result["noise_pooled_ratio"] = float(np.nansum(chi2) / np.nansum(freedom))
+        result["noise_pooled_uncertainty"] = float(np.sqrt(2 / np.nansum(freedom)))
     return result

@@ -40,7 +40,7 @@ def test_prysm_gives_our_mean_and_variance(sensor: Sensor) -> None:
 
 
 def test_nothing_faces_the_bits() -> None:
-    gains = crosscheck.indirect_light(_near(48))
+    gains = crosscheck.indirect_light(_near(112))
     assert all(gain == 0 for part, gain in gains.items() if not part.startswith("frame"))
     assert 0 < gains["frame, sun"] < 0.01
 

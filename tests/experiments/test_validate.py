@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
 
-from detector.sensor import Sensor
-from experiments import chain, validate_figures, validate_tables
+from detector.sensor import Sensor, moments
+from experiments import chain, crosscheck, validate_figures, validate_tables
+from experiments import validate as study
 from experiments.scenario import load_scenario
 from experiments.validate import (
     COARSE_TOLERANCE,
@@ -26,7 +28,7 @@ from experiments.validate import (
 from experiments.visible_marker import hidden_face, visible_tape
 from radiometry import link
 
-PLAN = Plan((3.0, 20.0), (0.05,), (40.0,), (45.0, 75.0), draws=16, rays=200_000)
+PLAN = Plan((2.5, 20.0), (0.05,), (40.0,), (45.0, 75.0), draws=16, rays=200_000)
 
 
 @pytest.fixture(scope="module")
@@ -53,20 +55,22 @@ def test_the_error_budget_explains_what_is_left(dataset: xr.Dataset) -> None:
 
 def test_effects_have_the_size_that_physics_gives_them(dataset: xr.Dataset) -> None:
     eclipse = dataset.effect_on_signal.sel(light="eclipse", tilt_deg=40.0, size_m=0.05)
-    # The bits are within 1 cm of the axis and the LEDs 5 cm: cos³¹ of 50/3000 is 1 − 31/2 (1/60)² to a tenth.
-    assert float(eclipse.sel(range_m=3.0, effect="led_pattern")) == pytest.approx(31 / 2 / 60**2, rel=0.1)
+    # The bits are within 1 cm of the axis and the LEDs 5 cm: cos³¹ of 50/2500 is 1 − 31/2 (1/50)² to a tenth.
+    assert float(eclipse.sel(range_m=2.5, effect="led_pattern")) == pytest.approx(31 / 2 / 50**2, rel=0.1)
     assert float(eclipse.sel(range_m=20.0, effect="neighbours")) > 1  # half of a bit of 0.45 px is its black neighbours
-    assert abs(float(eclipse.sel(range_m=3.0, effect="surroundings"))) < 1e-9  # out of the kernel's reach
+    assert abs(float(eclipse.sel(range_m=2.5, effect="surroundings"))) < 1e-9  # out of the kernel's reach
     assert float(eclipse.sel(range_m=20.0, effect="surroundings")) < -1e-3
 
 
-def test_a_wrong_closed_form_is_found_out(dataset: xr.Dataset) -> None:
-    from experiments.validate import _judged
-
+def _with_wrong_signal(dataset: xr.Dataset) -> xr.Dataset:
     wrong = dataset.copy(deep=True)
     wrong["signal_analytic"] *= 1.02
-    judged = _judged(wrong)
-    assert not judged.agrees.sel(range_m=3.0).any()
+    return study.judged(wrong)
+
+
+def test_a_wrong_closed_form_is_found_out(dataset: xr.Dataset) -> None:
+    judged = _with_wrong_signal(dataset)
+    assert not judged.agrees.sel(range_m=2.5).any()
     assert judged.agrees.sel(range_m=20.0).all()
     lines = list(validate_tables.outside(judged))
     assert len(lines) == judged.sizes["light"] * judged.sizes["sensor"]
@@ -80,8 +84,6 @@ def test_wrong_noise_is_found_out() -> None:
     assert abs(right["noise_variance_ratio"] - 1) < 4 * spread
     assert abs(right["noise_mean_z"]) < 4
     # The same draws held against a sensor with a tenth less read noise.
-    from detector.sensor import moments
-
     other = moments(sensor.model_copy(update={"read_noise_electrons": 18.0}), rate[:1], 1e-3)[1]
     ratio = right["noise_variance_ratio"] * moments(sensor, rate[:1], 1e-3)[1] / other
     assert ratio > 1 + 4 * spread
@@ -123,16 +125,14 @@ def test_the_tilt_is_the_angle_between_normal_and_line_of_sight() -> None:
 def test_slits_show_their_floor_where_the_blob_is() -> None:
     """The share of visible floor peaks where the plane through camera and virtual line cuts the front."""
     view = chain.view(at_geometry(load_scenario(), 4.0, 0.1, 20.0))
-    _, shares = visible_tape(view)
+    cells, shares = visible_tape(view)
     printed = len(view.marker.reflective_rectangles_m())
     assert np.all(shares[:printed] == 1)
     assert 0 < shares[printed:].max() <= 1 - view.marker.slat_fraction
-    camera = view.to_marker(np.zeros(3))
-    top = view.marker.elements[0]
-    from experiments.visible_marker import _slits
-
-    quads, share = _slits(view.marker, top, camera)
-    centre = (quads.mean(axis=1) @ top.along[:2] * share).sum() / share.sum()
+    camera, top = view.to_marker(np.zeros(3)), view.marker.elements[0]
+    on_plane = chain.on_plane(view, cells[printed:].mean(axis=1))
+    of_top = np.abs(on_plane @ top.across[:2] - top.centre_m @ top.across) < top.width_m / 2
+    centre = np.average(on_plane[of_top] @ top.along[:2], weights=shares[printed:][of_top])
     pitch = top.length_m / view.marker.slit_count
     assert centre == pytest.approx(float(top.blob_offset_m(camera)), abs=pitch / 2)
 
@@ -153,3 +153,15 @@ def test_figures_and_table_hold_every_cell(dataset: xr.Dataset, tmp_path: Path) 
     lines = validate_tables.cells_csv(dataset).splitlines()
     assert len(lines) == 1 + dataset.agrees.size
     assert all(f"{name}_difference" in lines[0] for name in QUANTITIES)
+
+
+def test_the_verb_exits_with_4_where_a_required_cell_is_out(
+    dataset: xr.Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, mantis: Callable[..., tuple[int, str, str]]
+) -> None:
+    monkeypatch.setattr(crosscheck, "run", lambda scenario, out: ([], {}))
+    for data, status in ((dataset, 0), (_with_wrong_signal(dataset), 4)):
+        monkeypatch.setattr(study, "run", lambda *a, data=data, **k: data)
+        assert mantis("validate", "--quick", "--out", tmp_path)[0] == 0
+        got, _, error = mantis("validate", "--require", "agrees", "--json", "--out", tmp_path)
+        assert got == status
+        assert ("2.5 m, 5 cm, 40 deg" in error) == (status == 4)
