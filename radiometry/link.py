@@ -147,14 +147,18 @@ def _polygon_fill(pixels: FloatArray, polygons: FloatArray, psf_sigma_px: float,
     polygon = polygons[cell] - pixels[pixel, None]
     side = np.roll(polygon, -1, axis=1) - polygon
 
-    # Rows between the corners' heights; the kernel itself bends at the pixel's edges.
-    bends = np.concatenate([polygon[..., 1], np.broadcast_to([-0.5, 0.5], (len(polygon), 2))], axis=1)
+    # Rows between the corners' heights; the kernel itself bends at the pixel's edges, and a slanted side runs through its
+    # bends from left to right at heights of their own.
+    kinks = np.array([-reach, -0.5, 0.5, reach])
+    slope = np.divide(side[..., 1], side[..., 0], out=np.zeros_like(side[..., 0]), where=np.abs(side[..., 0]) > 1e-12)
+    passes = (polygon[..., 1, None] + (kinks - polygon[..., 0, None]) * slope[..., None]).reshape(len(polygon), -1)
+    bends = np.concatenate([polygon[..., 1], np.broadcast_to([-0.5, 0.5], (len(polygon), 2)), passes], axis=1)
     edges = np.sort(np.clip(bends, -reach, reach), axis=1)
     half = np.diff(edges, axis=1)[..., None] / 2
     row = (edges[:, :-1, None] + half * (1 + _ROWS)).reshape(len(polygon), -1)
     weight = (half * _ROW_WEIGHTS).reshape(len(polygon), -1) * (ndtr((row + 0.5) / sigma) - ndtr((row - 0.5) / sigma))
 
-    height = side[:, None, :, 1]
+    height = np.where(np.abs(side[:, None, :, 1]) > 1e-12, side[:, None, :, 1], 0.0)
     along = (row[..., None] - polygon[:, None, :, 1]) / np.where(height == 0, np.inf, height)
     crossed = (along >= 0) & (along <= 1) & (height != 0)
     x = polygon[:, None, :, 0] + along * side[:, None, :, 0]
