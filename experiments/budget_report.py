@@ -10,6 +10,7 @@ from markupsafe import Markup
 
 from experiments import budget_figures, chain, pictures
 from experiments.budget import BudgetResult, Snapshot, shown_exposure
+from experiments.errata_section import three_models
 from experiments.report import (
     Block,
     Card,
@@ -51,6 +52,7 @@ def render_budget_report(result: BudgetResult, command: str = "mantis budget") -
         Section("pictures", "What the camera sees", tuple(_pictures(result, summary))),
         Section("table", "Range by range", tuple(_tables(result, summary))),
         Section("matrix", "Which criterion fails where", tuple(_matrices(result, summary))),
+        Section("models", "The thesis's budget: printed, repaired, right", tuple(three_models())),
         Section("assumptions", "Assumptions and definitions", tuple(assumptions(result.scenario)), wordy=True),
         Section("reproduce", "Make it again", tuple(reproduction(result.scenario, result.dataset.attrs, command))),
     )

@@ -40,6 +40,7 @@ def new_figure(
 
     Sets matplotlib's defaults for the process: titles and legends look them up when they are made, not with the axes.
     """
+    mpl.rcdefaults()  # some libraries set a style of their own when they are imported
     mpl.rcParams.update(_STYLE)
     figure = Figure(figsize=size_in, layout="constrained")
     FigureCanvasAgg(figure)

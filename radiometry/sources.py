@@ -23,7 +23,8 @@ def am0_spectrum() -> Spectrum:
 
     The extraterrestrial column of ASTM G173-03, as shipped by colour-science; 101.31 W/m² over 800–900 nm.
     """
-    from colour.plotting.datasets.astm_g_173 import SD_ASTMG173_ETR
+    with np.printoptions():  # which the import changes for the whole process
+        from colour.plotting.datasets.astm_g_173 import SD_ASTMG173_ETR
 
     return Spectrum(SD_ASTMG173_ETR.wavelengths, SD_ASTMG173_ETR.values)
 
