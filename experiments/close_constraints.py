@@ -10,8 +10,9 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from experiments.scenario import Range, Scenario, ScenarioError, explain, load_data, set_key, validate
-from materials.library import END_OF_LIFE, available
+from experiments.presets import presets
+from experiments.scenario import MATERIAL_KEYS, Range, Scenario, ScenarioError, explain, load_data, set_key, validate
+from materials import library
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Share = Annotated[float, Field(gt=0, le=1)]
@@ -102,6 +103,7 @@ class Constraints(_Model):
     marker_sizes_m: Annotated[tuple[Positive, ...], Field(min_length=1)]
     focal_lengths_m: Steps
     f_numbers: Annotated[tuple[Positive, ...], Field(min_length=1)]
+    filter_alternatives: tuple[str, ...] = Field((), description="presets whose probability of closure is given, too")
     led_counts: Annotated[tuple[Annotated[int, Field(ge=1)], ...], Field(min_length=1)]
     marker_over_face_max: Share = Field(description="marker's side over the face's (SYS-REQ-6)")
     aperture_max_m: Positive = Field(description="largest entrance pupil [m]")
@@ -121,9 +123,14 @@ class Constraints(_Model):
             values = getattr(self, name)
             if list(values) != sorted(set(values)):
                 raise ValueError(f"{name}: must increase, none twice")
-        unknown = [t for t in self.tapes if t not in available()]
+        unknown = [f for f in self.filter_alternatives if f not in presets("filter")]
         if unknown:
-            raise ValueError(f"tapes: {unknown[0]!r} is no material; expected names such as 'tape_type_xi'")
+            raise ValueError(f"filter_alternatives: {unknown[0]!r}; expected some of {', '.join(presets('filter'))}")
+        for tape in self.tapes:
+            try:
+                library.load(tape)
+            except ValueError as error:
+                raise ValueError(f"tapes: {error}") from None
         return self
 
     def frame_rate_hz(self, scenario: Scenario) -> float:
@@ -167,10 +174,18 @@ def load_constraints(
 
 def at_life(scenario: Scenario, constraints: Constraints, end: bool) -> Scenario:
     """The scenario with materials and LEDs new, or at the end of the mission."""
+    if not end:
+        return scenario
     target, leds = scenario.target.model_dump(), scenario.leds.model_dump()
-    if end:
-        for key in ("tape_material", "absorber_material", "face_material"):
-            worn = target[key] + END_OF_LIFE
-            target[key] = worn if worn in available() else target[key]
-        leds["intensity_w_sr"] *= constraints.led_derating
+    for key in MATERIAL_KEYS:
+        target[key] = _worn(target[key])
+    leds["intensity_w_sr"] *= constraints.led_derating
     return scenario.at(target=target, leds=leds)
+
+
+def _worn(material: str) -> str:
+    """Name of a material at the end of its life; the material itself where its file does not say, or it is worn already."""
+    try:
+        return library.load(material + library.END_OF_LIFE).name
+    except ValueError:
+        return material

@@ -12,9 +12,11 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 
 from experiments import chain
+from experiments.close_constraints import Constraints, at_life
 from experiments.scenario import Scenario
 from materials import library
 from radiometry import link
@@ -23,13 +25,19 @@ from radiometry.optics import pixel_profile_integral
 from radiometry.spectrum import constant
 from scenes.marker import MarkerDesign
 
+#: By what the average over sub-pixel phases differs at most from `chain.link_budget`'s one phase, signal and background over
+#: signal: where a bit has two to four pixels, and where it has more.
+PHASE_DIFFERENCE, FINE_DIFFERENCE = 0.05, 0.01
 #: LEDs that stand for the ring: its mean over the bits no longer changes with their number.
 _RING_LEDS = 24
 #: Sub-pixel phases along an axis over which the fill is averaged.
 _PHASES = 16
-#: Sampling and point spread between which the fill is interpolated; a bit of more pixels is filled like the last.
-_FILL_PX = np.geomspace(0.4, 12.0, 40)
-_FILL_SIGMA_PX = np.array([0.0, 0.15, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0, 1.3, 1.7])
+#: Sampling and point spread between which the fill is interpolated; of a bit of more pixels the pixel no longer matters, only the
+#: point spread over the bit.
+_FILL_PX = np.geomspace(0.4, 16.0, 40)
+_FILL_SIGMA_PX = np.array(
+    [0.0, 0.15, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85, 1.0, 1.25, 1.5, 1.75, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0]
+)
 
 
 @dataclass(frozen=True)
@@ -50,10 +58,12 @@ class Sets:
         """Factor on an assumption, (n,) or (1,)."""
         return np.atleast_1d(np.asarray(self.factors.get(key, 1.0), float))
 
-    def take(self, index: FloatArray) -> Sets:
-        """Some of the sets; factors must be of single value."""
-        arrays = np.broadcast_arrays(self.tape, self.size, self.focal_length_m, self.f_number, self.led_count)
-        return Sets(*(a[index] for a in arrays), self.factors)
+    def take(self, index: NDArray[np.intp]) -> Sets:
+        """Some of the sets, or one of them many times; factors must be single or as many as the result."""
+        tape, size, focal, f_number, count = np.broadcast_arrays(
+            self.tape, self.size, self.focal_length_m, self.f_number, self.led_count
+        )
+        return Sets(tape[index], size[index], focal[index], f_number[index], count[index], self.factors)
 
 
 @dataclass(frozen=True)
@@ -75,6 +85,8 @@ class ClosedForm:
     """Tables of one scenario's sources, sensor and materials, for sets that share them. Made by `closed_form`.
 
     Attributes:
+        scenario: the base scenario, its materials and LEDs new or at the end of the mission.
+        tapes: names of the tapes when new.
         led_tape: electrons per second of one LED, (lobe: retro and the rest, tape, size, bit: white and black, range).
         led_absorber: the same of the absorber, (size, bit, range).
         sun_tape, sun_absorber, sun_foil: of the Sun, (lobe, tape, phase), (phase,), (phase,).
@@ -102,6 +114,17 @@ class ClosedForm:
         scale = self.sizes_m[sets.size] * sets.focal_length_m * sets.factor("focal_length") * self.bit_fraction / pitch
         return np.atleast_1d(scale)[:, None] / self.ranges_m
 
+    def blur_sigma_px(self, sets: Sets) -> FloatArray:
+        """Standard deviation of the point spread, (n, ranges): `optics.blur_sigma_px` with focus at the farthest range."""
+        camera = self.scenario.camera
+        pixel_m = np.sqrt(camera.pixel_area_m2)
+        diffraction = 0.42 * self.scenario.filter.centre_nm * 1e-9 * np.atleast_1d(sets.f_number) / pixel_m
+        in_focus = np.maximum(camera.psf_sigma_px * sets.factor("psf"), diffraction)[:, None]
+        circle_m = np.atleast_1d(sets.focal_length_m**2 / sets.f_number)[:, None] * (
+            1 / self.ranges_m - 1 / self.ranges_m[-1]
+        )
+        return np.hypot(in_focus, circle_m / 4 / pixel_m)
+
     @property
     def bit_fraction(self) -> float:
         """Side of a bit over side of the marker."""
@@ -111,7 +134,7 @@ class ClosedForm:
         """Rates of every set at every light and range."""
         camera, marker = self.scenario.camera, self.scenario.marker
         aspect = camera.pixel_pitch_x_m / camera.pixel_pitch_y_m
-        sigma = np.atleast_1d(camera.psf_sigma_px * sets.factor("psf"))[:, None]
+        sigma = self.blur_sigma_px(sets)
         px = self.px_per_bit(sets) * max(1.0, 1 / aspect)  # along x, whichever side is the shorter
         fill = _interpolate_fill(marker, aspect, px, sigma)
 
@@ -128,7 +151,9 @@ class ClosedForm:
         for bit in (0, 1):
             lit = self.led_tape[0, tape, size, bit] * life * tail + self.led_tape[1, tape, size, bit] * diffuse
             dark = self.led_absorber[size, bit] * absorber
-            one = (fill[bit] * lit + (1 - fill[bit]) * dark) * gain * np.atleast_1d(sets.factor("led_intensity"))[:, None]
+            one = (
+                (fill[bit] * lit + (1 - fill[bit]) * dark) * gain * np.atleast_1d(sets.factor("led_intensity"))[:, None]
+            )
             leds.append(one[:, None, :])
             lit = self.sun_tape[0, tape] * life + self.sun_tape[1, tape] * diffuse
             dark = self.sun_absorber * absorber
@@ -141,16 +166,28 @@ class ClosedForm:
 
 
 def closed_form(
-    scenario: Scenario, tapes: tuple[str, ...], sizes_m: FloatArray, ranges_m: FloatArray, phases_deg: FloatArray
+    base: Scenario,
+    constraints: Constraints,
+    end: bool,
+    tapes: tuple[str, ...] | None = None,
+    sizes_m: tuple[float, ...] | None = None,
 ) -> ClosedForm:
-    """Tables of transport for tapes, marker sizes, ranges and phases; all else is the scenario's, its tilt taken as none."""
-    sizes, ranges, phases = (np.asarray(a, float) for a in (sizes_m, ranges_m, phases_deg))
+    """Tables of transport at the ranges and phases of the constraints; all else is the base scenario's, its tilt taken as none.
+
+    Args:
+        end: with materials and LEDs at the end of the mission.
+        tapes, sizes_m: default those of the constraints.
+    """
+    tapes = tapes or constraints.tapes
+    made = [at_life(base.at(target={**base.target.model_dump(), "tape_material": t}), constraints, end) for t in tapes]
+    scenario, materials = made[0], [library.load(s.target.tape_material) for s in made]
+    sizes = np.array(sizes_m or constraints.marker_sizes_m)
+    ranges, phases = np.array(constraints.ranges_m), np.array(constraints.phases_deg)
     response = chain.responsivity(scenario)
     wavelength = link.band_grid(response)
     ring = scenario.leds.model_copy(update={"count": _RING_LEDS})
     led = ring.model_copy(update={"count": 1}).spectral_intensity()
     sun = scenario.sun.irradiance()
-    materials = [library.load(name) for name in tapes]
     nothing = constant(0.0)
     lobes = [
         [replace(m, diffuse=nothing, gloss=nothing) for m in materials],
@@ -204,8 +241,9 @@ def closed_form(
 
 def _interpolate_fill(marker: MarkerDesign, aspect: float, px: FloatArray, sigma_px: FloatArray) -> FloatArray:
     """Share of light from tape in a white and a black bit's pixels, (2, ...), at pixels a bit along x and a point spread."""
+    px, sigma = np.broadcast_arrays(px, sigma_px)
+    sigma = np.clip(sigma * np.minimum(_FILL_PX[-1] / px, 1), _FILL_SIGMA_PX[0], _FILL_SIGMA_PX[-1])
     px = np.clip(px, _FILL_PX[0], _FILL_PX[-1])
-    sigma = np.clip(np.broadcast_to(sigma_px, px.shape), _FILL_SIGMA_PX[0], _FILL_SIGMA_PX[-1])
     table = fill_table(marker.model_copy(update={"size_m": 1.0}), round(aspect, 9))
     look_up = RegularGridInterpolator((np.log(_FILL_PX), _FILL_SIGMA_PX), np.moveaxis(table, 0, -1), method="linear")
     return np.moveaxis(look_up(np.stack([np.log(px), sigma], axis=-1)), -1, 0)
@@ -228,7 +266,9 @@ def fill_table(marker: MarkerDesign, aspect: float) -> FloatArray:
         for k, sigma in enumerate(_FILL_SIGMA_PX):
             for b, centres in enumerate(bits):
                 share = [
-                    _mean_share(centres[:, axis], cells[:, 2 * axis : 2 * axis + 2], px * (aspect if axis else 1.0), sigma)
+                    _mean_share(
+                        centres[:, axis], cells[:, 2 * axis : 2 * axis + 2], px * (aspect if axis else 1.0), sigma
+                    )
                     for axis in (0, 1)
                 ]
                 table[b, i, k] = np.mean(np.sum(share[0] * share[1], axis=1))
@@ -240,12 +280,13 @@ def _mean_share(centres: FloatArray, cells: FloatArray, px: float, sigma_px: flo
     half = float(link.sampling_window_px(px)) / 2
     reach = int(np.ceil(half)) + 1
     phase = (np.arange(_PHASES) + 0.5) / _PHASES - 0.5
-    values, inverse = np.unique(np.round(centres, 6), return_inverse=True)
+    values, which = np.unique(np.round(centres, 6), return_inverse=True)
+    spans, span = np.unique(np.round(cells, 6), axis=0, return_inverse=True)
     centre = values[:, None] * px + phase  # (values, phases)
     pixel = np.rint(centre)[..., None] + np.arange(-reach, reach + 1)
     inside = np.abs(pixel - centre[..., None]) <= half
     weight = inside / inside.sum(axis=-1, keepdims=True) / _PHASES
-    edges = cells * px + phase[:, None, None]  # (phases, cells, 2)
+    edges = spans * px + phase[:, None, None]  # (phases, spans, 2)
     offset = edges[None, :, None] - pixel[..., None, None]
     share = np.diff(pixel_profile_integral(offset, sigma_px), axis=-1)[..., 0]
-    return np.einsum("vpi,vpic->vc", weight, share)[inverse]
+    return np.einsum("vpi,vpis->vs", weight, share)[which][:, span.ravel()]
