@@ -20,8 +20,11 @@ def three_models() -> Iterator[Block]:
     """SNR of the three models over range in both lights, and what each repair of the printed one is worth at 8 m."""
     dataset = _models()
     yield Text(
-        "The thesis's own system (5 mm bit, its exposures and beam) in three models: its listing as printed, the same with its "
-        "slips repaired one at a time, and the full model that the rest of this report uses. `mantis errata` gives the numbers."
+        (
+            "The thesis's own system (5 mm bit, its exposures and beam) in three models: its listing as printed, the same with "
+            "its slips repaired one at a time, and the full model that the rest of this report uses. The command mantis errata "
+            "gives the numbers.",
+        )
     )
     yield Figures(
         (
