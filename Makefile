@@ -33,6 +33,7 @@ quick: setup
 	.venv/bin/mantis validate --quick --require agrees --out out/quick/validate
 	rm -rf out/quick/emva1288 && .venv/bin/mantis sensor emva1288 --out out/quick/emva1288
 	.venv/bin/mantis materials --out out/quick/materials
+	.venv/bin/mantis glare --quick --out out/quick/glare
 	.venv/bin/mantis close --quick --out out/quick/close
 	.venv/bin/mantis errata --out out/quick/errata
 	.venv/bin/mantis tradeoff --out out/quick/tradeoff

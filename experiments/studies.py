@@ -290,16 +290,22 @@ def close(
 @click.argument("scenario", required=False)
 @click.option("--quick", is_flag=True, help="One range, four phase angles: a first look within a minute.")
 @click.option(
+    "--draws", type=click.IntRange(1), help="Noise draws of each geometry and mode; 8 give ± 2 %, the default."
+)
+@click.option(
     "--workers", type=click.IntRange(0), help="Processes beside the renderer's; 0 is none, default one a core."
 )
 @click.option(
     "--require", type=click.Choice(["pair"]), help="Exit status 4 where the on/off pair misses the requirement."
 )
 @shared_options
-def glare(options: Options, scenario: str | None, quick: bool, workers: int | None, require: str | None) -> None:
+def glare(
+    options: Options, scenario: str | None, quick: bool, draws: int | None, workers: int | None, require: str | None
+) -> None:
     """Detection and pose over the Sun's direction and range, counter-measure by counter-measure.
 
-    Takes some ten minutes in full. Writes glare.html, glare.md, figures and data into the folder --out (default out/glare).
+    Takes some ten minutes in full on two idle cores. Writes glare.html, glare.md, figures and data into the folder --out
+    (default out/glare).
     """
     from experiments import glare_report as study
     from experiments.console import plain_table
@@ -307,8 +313,10 @@ def glare(options: Options, scenario: str | None, quick: bool, workers: int | No
 
     chosen, out = options.scenario(scenario), options.out or Path("out/glare")
     announce_variant(options)
-    result = with_progress(options, lambda tell: study.study(chosen, quick, tell, workers))
-    study.write(result, out, "mantis glare" + (f" {scenario}" if scenario else "") + (" --quick" if quick else ""))
+    result = with_progress(options, lambda tell: study.study(chosen, quick, draws, tell, workers))
+    words = ["mantis glare", scenario, "--quick" if quick else None, f"--draws {draws}" if draws else None]
+    words += [f"--set {override}" for override in options.overrides]
+    study.write(result, out, " ".join(word for word in words if word))
     rows = mode_rows(result.summary)
     short = [[line[k] for k in TERMINAL] for line in (HEADINGS, *rows)]
     options.say(*study.findings(result), plain_table("Worst phase of each group", *short), f"Report and data: {out}")

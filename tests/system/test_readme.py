@@ -11,6 +11,7 @@ import click
 import pytest
 
 from experiments import cli, studies, verbs
+from experiments.close_constraints import load_constraints
 from experiments.scenario import load_scenario
 
 ROOT = Path(__file__).parents[2]
@@ -70,6 +71,9 @@ def test_mantis_lines_parse(
         return
     parsed = command.make_context(command.name, list(words), parent=context.parent)
     overrides = tuple(parsed.params.get("overrides") or ())
+    if command.name == "close":
+        load_constraints(None, overrides)  # keys of its own, beside the scenario's
+        overrides = tuple(o for o in overrides if not o.startswith("close."))
     if overrides and "plan" not in parsed.params:
         load_scenario(overrides=overrides)
 

@@ -1,0 +1,210 @@
+"""Counter-measures against glare: the difference of two frames, the shadow, the truth they are held to, and a small run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from scipy import stats
+
+from detector.features import detect_features
+from detector.noise import NoiseModel
+from detector.sensor import Sensor, expose
+from experiments import chain, glare, glare_case, glare_report
+from experiments.glare_gallery import worst_frames
+from experiments.glare_geometry import Geometry, MovedView, Stand, at_sun, cropped, render
+from experiments.glare_modes import MODES, Mode, chaser_shadow, difference, pulse_s, shifted, take, through
+from experiments.glare_tables import mode_rows, summarise, verdicts, wilson
+from experiments.scenario import Scenario
+
+STAND = Stand(-4, 7, 10, 1)
+
+
+@pytest.fixture(scope="module")
+def geometry() -> Geometry:
+    """A marker at 5 m with the Sun 20° off, every mode's rates."""
+    return render(cropped(at_sun(Scenario(), 5.0, 20.0, 60.0, STAND)), tuple(MODES), 1 / 30, 100_000)
+
+
+def test_shift_undoes_a_motion_of_a_band_limited_image() -> None:
+    row, column = np.mgrid[:40, :50]
+
+    def wave(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        return 5 + np.sin(x / 4) * np.cos(y / 5)
+
+    motion = np.array([2.3, -1.6])
+    back = shifted(wave(column - motion[0], row - motion[1]), motion)
+    inner = (slice(6, -6), slice(6, -6))
+    assert np.abs(back - wave(column, row))[inner].max() < 2e-3
+
+
+def test_squared_shift_gives_the_variance_of_a_shifted_noise_image() -> None:
+    noise = np.random.default_rng(1).standard_normal((300, 300)).astype(np.float32)
+    motion = np.array([0.4, 1.7])
+    expected = float(shifted(np.ones((20, 20)), motion, power=2)[10, 10])
+    ratio = shifted(noise, motion).var() / expected
+    # Neighbours of a resampled image are correlated: a tenth of its pixels counts as independent.
+    low, high = stats.chi2.interval(0.9999, 9000)
+    assert low / 9000 < ratio < high / 9000
+
+
+def test_variance_of_a_difference_is_that_of_both_frames() -> None:
+    sensor, rng = Sensor(), np.random.default_rng(2)
+    led, sun, seconds = np.full((120, 120), 2000.0), np.full((120, 120), 3000.0), 1.0
+    on, off = expose(sensor, led + sun, seconds, rng).dn, expose(sensor, sun, seconds, rng).dn
+    image, noise = difference(sensor, on, off, np.zeros(2))
+    predicted = noise.variance(np.full(image.shape, 2000.0)).mean()
+    low, high = stats.chi2.interval(0.9999, image.size - 1)
+    assert low < (image.size - 1) * image.var() / predicted < high
+    assert predicted == pytest.approx(2000 + 2 * 3000 + 2 * sensor.total_noise_electrons**2, rel=0.01)
+    assert abs(image.mean() - 2000) < 4 * np.sqrt(predicted / image.size)
+
+
+def test_clipped_pixels_of_either_frame_say_nothing() -> None:
+    sensor = Sensor()
+    on, off = np.full((20, 20), 500, np.uint16), np.full((20, 20), 100, np.uint16)
+    on[3, 4], off[10, 10] = sensor.saturation_dn, sensor.saturation_dn
+    _, noise = difference(sensor, on, off, np.zeros(2))
+    assert noise.extra_variance_dn2 is not None
+    blind = {(int(r), int(c)) for r, c in zip(*np.nonzero(np.isinf(noise.extra_variance_dn2)), strict=True)}
+    assert blind == {(3, 4), (10, 10)}
+    pixels = np.array([[4.0, 3.0], [5.0, 3.0]])
+    assert noise.readable(pixels).tolist() == [[5.0, 3.0]]
+
+
+def test_extra_variance_widens_the_covariance_of_corners(geometry: Geometry) -> None:
+    scenario, mode = geometry.scenario, MODES["single"]
+    truth, lit = glare.Truth(scenario), geometry.lit(mode)
+    seconds = pulse_s(scenario, mode, truth.bits(lit.led)[0], truth.bits(lit.sun)[0])
+    shown = take(scenario.sensor, mode, lit, seconds, geometry.motion_px, np.random.default_rng(1))
+    noise = shown.noise
+    noisier = NoiseModel(
+        noise.gain_dn_per_electron, noise.read_noise_dn, noise.offset_dn, noise.saturation_dn,
+        np.full(shown.image.shape, 50 * noise.read_noise_dn**2),
+    )  # fmt: skip
+    plain, wide = (detect_features(shown.image, scenario.marker, scenario.camera, n) for n in (noise, noisier))
+    assert plain.corners_covariance_px2 is not None
+    assert wide.corners_covariance_px2 is not None
+    assert np.trace(wide.corners_covariance_px2[0]) > np.trace(plain.corners_covariance_px2[0])
+
+
+def test_one_basis_over_the_widest_band_serves_the_scenarios_filter() -> None:
+    scenario = cropped(at_sun(Scenario(), 5.0, 20.0, 60.0, STAND))
+    wide = render(scenario, ("single",), 1 / 30, 100_000).rates[None]
+    own = chain.transport(scenario.at(render={"frame_samples": 4, "marker_rays": 10_000}))
+    truth = glare.Truth(scenario)
+    led = truth.bits(chain.electron_rate(scenario, own, "eclipse"))[0]
+    assert truth.bits(wide.led)[0] == pytest.approx(led, rel=0.02)
+
+
+def test_target_moves_by_rate_lever_and_interval() -> None:
+    view = chain.view(Scenario(range_m=4.0))
+    turn = np.radians(5.0) / 30
+    moved = MovedView(**{n: getattr(view, n) for n in view.__dataclass_fields__}, turn_rad=turn, lever_m=0.57)
+    assert np.linalg.norm(moved.translation_m - view.translation_m) == pytest.approx(0.57 * turn, rel=1e-3)
+    assert np.arccos((np.trace(moved.rotation.T @ view.rotation) - 1) / 2) == pytest.approx(turn, rel=1e-6)
+
+
+def test_chaser_shadows_the_marker_up_to_the_angle_of_its_radius() -> None:
+    limit = np.degrees(np.arctan(0.5 / 5.0))
+
+    def free(phase_deg: float, radius_m: float = 0.5) -> np.ndarray:
+        return chaser_shadow(chain.view(cropped(at_sun(Scenario(), 5.0, phase_deg, 60.0, STAND))), radius_m)
+
+    assert free(limit - 1.5).max() == 0
+    assert free(limit + 1.5).min() == 1
+    assert free(limit).mean() == pytest.approx(0.5, abs=0.1)
+    assert free(0.0, radius_m=0.0).min() == 1
+    assert free(120.0).min() == 1
+
+
+def test_pulse_counts_sunlight_only_where_the_shutter_closes_with_it() -> None:
+    scenario = Scenario()
+    assert pulse_s(scenario, Mode(""), 1e9, 1e9) == pytest.approx(pulse_s(scenario, Mode(""), 2e9, 0.0))
+    assert pulse_s(scenario, Mode("", shutter_s=1e-3), 1e9, 1e9) == pytest.approx(pulse_s(scenario, Mode(""), 1e9, 0.0))
+    assert pulse_s(scenario, Mode("", shutter_s=1e-6), 1.0, 0.0) == 1e-6
+
+
+def test_filters_of_the_modes_are_presets() -> None:
+    assert through(Scenario(), MODES["narrow"]).filter.high_nm == 862.5
+    assert through(Scenario(), MODES["single"]).filter == Scenario().filter
+
+
+def test_registration_removes_what_motion_leaves(geometry: Geometry) -> None:
+    lit, sensor = geometry.lit(MODES["pair"]), geometry.scenario.sensor
+    scale = 0.5 * sensor.full_well_electrons / lit.sun.max()  # sunlight alone, well exposed
+    left = []
+    for name in ("pair", "pair_raw"):
+        dark = type(lit)(0 * lit.led, lit.sun, lit.moved_sun)
+        shown = take(sensor, MODES[name], dark, scale, geometry.motion_px, np.random.default_rng(3))
+        left.append(float(np.std(shown.image[8:-8, 8:-8])))
+    assert left[0] < 0.7 * left[1]
+
+
+def test_a_pair_finds_marker_and_pose(geometry: Geometry) -> None:
+    values, blobs = glare.draw(geometry, ("pair", "single"), 2, (1,))
+    named = dict(zip(glare.VARIABLES, values, strict=True))
+    assert (named["detected"] == 1).all()
+    assert (named["attitude_error_deg"] < 1).all()
+    assert np.abs(blobs).max() < 0.3
+
+
+@pytest.mark.parametrize(("successes", "trials"), [(96, 96), (0, 50), (30, 60)])
+def test_wilson_interval_is_scipys(successes: int, trials: int) -> None:
+    expected = stats.binomtest(successes, trials).proportion_ci(0.95, method="wilson")
+    assert wilson(successes, trials) == pytest.approx((expected.low, expected.high), abs=1e-6)
+
+
+#: One range, two Suns, a mode that works and one whose sunlit bits saturate.
+PLAN = glare.Plan(
+    (5.0,), (0.0, 45.0), (60.0,), (STAND,), 2, ("pair", "long"), rays=60_000, whole_range_m=3.0, whole_azimuths_deg=(0.0,)
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def small_run() -> xr.Dataset:
+    """The frames of `PLAN`."""
+    return glare.run(Scenario(), PLAN, workers=0)
+
+
+def test_run_is_reproducible_and_labelled(small_run: xr.Dataset) -> None:
+    xr.testing.assert_identical(small_run.drop_attrs(), glare.run(Scenario(), PLAN, workers=0).drop_attrs())
+    assert small_run.detected.dims == glare.DIMS
+    assert small_run.sizes["frame"] == 2
+
+
+def test_verdict_names_the_limit_that_stands_in_the_way(small_run: xr.Dataset) -> None:
+    summary = summarise(small_run, Scenario())
+    assert verdicts(summary, "pair")[0]
+    met, failures = verdicts(summary, "long")
+    assert any("fills the well" in failure and "phase 0°" in failure for failure in failures)
+    assert len(mode_rows(summary)) == 4
+    assert isinstance(met, bool)
+
+
+def test_report_is_written_with_its_figures(small_run: xr.Dataset, small: Scenario, tmp_path: Path) -> None:
+    scenario = Scenario()
+    result = glare_report.GlareResult(
+        scenario, PLAN, small_run.assign_attrs(history="now"), summarise(small_run, scenario),
+        glare.false_positives(small, PLAN, ("pair",)), glare_case.run(scenario, PLAN.stands, 1, 1 / 30, (1.0, 1e-4)),
+        worst_frames(small_run, scenario, PLAN),
+    )  # fmt: skip
+    glare_report.write(result, tmp_path, "mantis glare")
+    written = {str(p.relative_to(tmp_path)) for p in tmp_path.rglob("*") if p.is_file()}
+    assert written == {"glare.nc", "glare.md", "glare.html", "data/glare.csv"} | {
+        f"figures/{name}.svg" for name in glare_report.CAPTIONS
+    }
+    page = (tmp_path / "glare.html").read_text()
+    assert "src=" not in page
+    assert int(result.whole.found.sum()) == 0
+    lost = result.worst[PLAN.modes.index("long")]
+    assert lost.failed
+    assert "not found" in lost.lines[0]
+
+
+def test_modes_have_titles_and_a_target() -> None:
+    assert glare_report.TARGET_MODE in MODES
+    assert set(glare_report.WHOLE_MODES) <= set(MODES)
+    assert all(mode.title for mode in MODES.values())
