@@ -52,8 +52,8 @@ SEARCH_DIRECTORIES = (
     "/usr/local/opt/llvm*/lib",
     "/home/linuxbrew/.linuxbrew/opt/llvm*/lib",
 )
-# `python benchmarks/variants.py` prints this ratio: 8 to 10 on a two-core machine.
-SLOWDOWN = "about ten times slower"
+# `python benchmarks/variants.py` prints this ratio: 32 on an idle two-core machine, about 10 on a busy one.
+SLOWDOWN = "about thirty times slower"
 
 _LIBRARY_NAME = re.compile(r"libLLVM(?:-(\d+(?:\.\d+)*))?(?:\.so(?:\.(\d+(?:\.\d+)*))?|\.dylib)")
 _VERSIONED_DIRECTORY = re.compile(r"/llvm(?:[-@/]|/[^/]*/)?(\d+(?:\.\d+)*)[^/]*/lib")
