@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from detector.features import Features
 from experiments import chain
 from experiments.scenario import Scenario
-from experiments.trials import VARIABLES, Progress, Trials, known_values, pool
+from experiments.trials import VARIABLES, Progress, Trials, draw, known_values
+from experiments.workers import pool
 from radiometry import closure
 from scenes import exr
 
@@ -69,7 +70,7 @@ def run_budget(
     plan = scenario.budget
     steps = [(r, light) for r in plan.ranges_m for light in plan.lights]
     pending: list[tuple[Future[list[Trials]], dict[str, list[float]]]] = []
-    with pool(workers) as submit:
+    with pool(draw, workers) as submit:
         for range_m in plan.ranges_m:
             here = scenario.at(range_m=range_m)
             basis = chain.transport(here)

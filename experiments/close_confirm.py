@@ -15,6 +15,7 @@ from experiments.closure_search import Point
 from experiments.scenario import Scenario
 from experiments.trials import Progress, Trials
 from experiments.wording import LIGHT_NAMES, listed
+from experiments.workers import pool
 from radiometry import closure
 from scenes.cache import TransportCache, default_folder
 from scenes.transport import Quality
@@ -43,7 +44,7 @@ def confirm(
         for view in constraints.confirm.views
         for range_m in view.ranges_m or constraints.ranges_m
     ]
-    with trials.pool(workers) as submit:
+    with pool(trials.draw, workers) as submit:
         for done, (point, view, range_m) in enumerate(steps, 1):
             here = _case_scenario(
                 point.scenario(base, constraints, constraints.end_of_life), view, range_m, constraints

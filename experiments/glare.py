@@ -8,11 +8,9 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor
-from contextlib import contextmanager
+from concurrent.futures import Future
 from dataclasses import dataclass
 from itertools import product
-from multiprocessing import get_context
 
 import numpy as np
 import xarray as xr
@@ -24,6 +22,7 @@ from experiments import chain
 from experiments.glare_geometry import Geometry, Stand, at_sun, cropped, render
 from experiments.glare_modes import MODES, Exposed, Mode, features_of, pulse_s, take
 from experiments.scenario import Scenario
+from experiments.workers import pool
 from radiometry.geometry import FloatArray
 from scenes.marker import ELEMENT_NAMES
 
@@ -203,7 +202,7 @@ def run(scenario: Scenario, plan: Plan, progress: Progress | None = None, worker
         values[:, :, r, p, a, part], blobs[:, r, p, a, part] = future.result()
 
     suns = list(plan.suns())
-    with _pool(workers) as submit:
+    with pool(draw, workers) as submit:
         for done, (s, r, p, a) in enumerate(suns):
             here = at_sun(scenario, plan.ranges_m[r], plan.phases_deg[p], plan.azimuths_deg[a], plan.stands[s])
             geometry = render(cropped(here), plan.modes, plan.pair_interval_s, plan.rays)
@@ -268,28 +267,3 @@ def false_positives(scenario: Scenario, plan: Plan, modes: tuple[str, ...]) -> x
         },
         {"mode": list(modes), "phase_deg": list(plan.phases_deg)},
     )
-
-
-@contextmanager
-def _pool(workers: int | None) -> Iterator[Callable[..., Future]]:
-    """A function that runs `draw` in spawned processes (the renderer must not be forked), or with 0 workers here."""
-    if workers == 0:
-
-        def run_here(*arguments: object) -> Future:
-            future: Future = Future()
-            future.set_result(draw(*arguments))  # type: ignore[arg-type]
-            return future
-
-        yield run_here
-        return
-    executor = ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_one_thread)
-    try:
-        yield lambda *arguments: executor.submit(draw, *arguments)
-    finally:
-        executor.shutdown(wait=True, cancel_futures=True)
-
-
-def _one_thread() -> None:
-    import cv2
-
-    cv2.setNumThreads(1)

@@ -5,12 +5,8 @@ A case is a scenario's geometry, an illumination and an exposure. Every study th
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
-from multiprocessing import get_context
 
 import numpy as np
 from numpy.typing import NDArray
@@ -165,29 +161,3 @@ def _noise_statistics(signal: FloatArray, background: FloatArray, saturated: flo
     snr_ci95 = 1.96 * np.sqrt(of_means[0] / variance[0] + snr**2 * 0.5 / freedom[0])
     cnr_ci95 = 1.96 * np.sqrt(sum(of_means) / total + cnr**2 * spread2 / 4)
     return {**result, **dict(zip(names, (snr, snr_ci95, cnr, cnr_ci95), strict=True))}
-
-
-@contextmanager
-def pool(workers: int | None) -> Iterator[Callable[..., Future[list[Trials]]]]:
-    """A function that runs `draw` elsewhere: in spawned processes (the renderer must not be forked), or here with one core."""
-    count = workers if workers is not None else (os.cpu_count() or 1)
-    if count <= 1:
-
-        def run_here(*arguments: object) -> Future[list[Trials]]:
-            future: Future[list[Trials]] = Future()
-            future.set_result(draw(*arguments))  # type: ignore[arg-type]
-            return future
-
-        yield run_here
-        return
-    executor = ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_one_thread)
-    try:
-        yield lambda *arguments: executor.submit(draw, *arguments)
-    finally:
-        executor.shutdown(wait=True, cancel_futures=True)
-
-
-def _one_thread() -> None:
-    import cv2
-
-    cv2.setNumThreads(1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from radiometry.geometry import FloatArray
+from radiometry.geometry import FloatArray, normal_to
 from radiometry.link import Brdf
 
 #: Nodes on −1 … 1: across a ring between two edges, and along its arc.
@@ -49,16 +49,10 @@ def earth_transport(
     cosine = (np.cos(angular_radius_rad) - np.cos(ring) * np.cos(apart)) / np.maximum(spread, 1e-12)
     arc = np.arccos(np.clip(cosine, -1.0, 1.0))
     azimuth = arc[:, None] * _ALONG
-    side = sideways / np.linalg.norm(sideways) if np.linalg.norm(sideways) > 1e-9 else _normal_to(viewer)
+    side = sideways / np.linalg.norm(sideways) if np.linalg.norm(sideways) > 1e-9 else normal_to(viewer)
     across = np.cos(azimuth)[..., None] * side + np.sin(azimuth)[..., None] * np.cross(viewer, side)
     towards = np.cos(ring)[:, None, None] * viewer + np.sin(ring)[:, None, None] * across
     weight = (ring_weight * arc)[:, None] * _ALONG_WEIGHTS * np.clip(towards[..., 2], 0.0, None)
     lit = weight > 0
     value = brdf(np.array([0.0, 0.0, 1.0]), towards[lit][:, None, :], viewer, np.asarray(wavelength_nm, float))
     return weight[lit] @ value
-
-
-def _normal_to(vector: FloatArray) -> FloatArray:
-    helper = np.eye(3)[int(np.argmin(np.abs(vector)))]
-    normal = np.cross(vector, helper)
-    return normal / np.linalg.norm(normal)

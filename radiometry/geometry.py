@@ -46,6 +46,13 @@ def rotation_angle(a: ArrayLike, b: ArrayLike) -> float:
     return float(np.arctan2(np.linalg.norm(axis) / 2, (np.trace(relative) - 1) / 2))
 
 
+def normal_to(vector: ArrayLike) -> FloatArray:
+    """Some unit vector (3,) square to a vector (3,)."""
+    vector = np.asarray(vector, float)
+    normal = np.cross(vector, np.eye(3)[int(np.argmin(np.abs(vector)))])
+    return normal / np.linalg.norm(normal)
+
+
 def observation_angle(baseline_m: ArrayLike, range_m: ArrayLike) -> FloatArray:
     """Observation angle α = atan(b/R) in radians: between the directions to the source and to the lens."""
     return np.arctan(np.asarray(baseline_m, float) / np.asarray(range_m, float))

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from materials import library
+from radiometry.geometry import normal_to
 from radiometry.spectrum import Spectrum
 from scenes.target import face_mesh
 from scenes.transport import MM_PER_M, Region, View
@@ -167,15 +168,9 @@ def _leds(view: View, strength: Spectrum | float, folder: Path, mi: Any) -> dict
 def _disc(direction: NDArray[np.float64], radius: float, radiance: Spectrum | float, mi: Any) -> dict[str, Any]:
     """A far disc of a radius over its distance, square to its direction."""
     place = direction * _DISC_DISTANCE_MM
-    to_world = mi.ScalarTransform4f().look_at(origin=place.tolist(), target=[0, 0, 0], up=_any_normal(place))
+    to_world = mi.ScalarTransform4f().look_at(origin=place.tolist(), target=[0, 0, 0], up=normal_to(place).tolist())
     to_world = to_world @ mi.ScalarTransform4f().scale(float(radius * _DISC_DISTANCE_MM))
     return {"type": "disk", "to_world": to_world, "emitter": {"type": "area", "radiance": _emission(radiance)}}
-
-
-def _any_normal(vector: NDArray[np.float64]) -> list[float]:
-    helper = np.eye(3)[int(np.argmin(np.abs(vector)))]
-    normal = np.cross(vector, helper)
-    return (normal / np.linalg.norm(normal)).tolist()
 
 
 def _write_ply(path: Path, vertices_mm: NDArray[np.float64], faces: NDArray[np.uint32]) -> None:
