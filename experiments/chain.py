@@ -49,10 +49,14 @@ def view(scenario: Scenario) -> View:
     )  # fmt: skip
 
 
+def quality(scenario: Scenario) -> Quality:
+    """How densely the scenario's transport is sampled."""
+    return Quality(scenario.render.frame_samples, scenario.render.marker_rays, scenario.seed)
+
+
 def transport(scenario: Scenario) -> TransportBasis:
     """Render the transport basis of the scenario's geometry, with provenance in its attributes."""
-    quality = Quality(scenario.render.frame_samples, scenario.render.marker_rays, scenario.seed)
-    basis = render_basis(view(scenario), quality)
+    basis = render_basis(view(scenario), quality(scenario))
     basis.attributes.update(provenance(scenario), range_m=scenario.range_m, geometry_hash=geometry_digest(scenario))
     return basis
 

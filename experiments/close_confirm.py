@@ -18,7 +18,6 @@ from experiments.wording import LIGHT_NAMES, listed
 from experiments.workers import pool
 from radiometry import closure
 from scenes.cache import TransportCache, default_folder
-from scenes.transport import Quality
 
 #: Criteria that frames are held to in a confirmation; sampling and smear need none.
 _JUDGED = {
@@ -51,7 +50,7 @@ def confirm(
             )
             for light in chain.LIGHTS_ON:
                 lit, budget, seconds = rung(here, light, constraints)
-                quality = Quality(lit.render.frame_samples, lit.render.marker_rays, lit.seed)
+                quality = chain.quality(lit)
                 basis = store.basis(chain.view(lit), quality)
                 rate = chain.electron_rate(lit, basis, light)
                 known = trials.known_values(lit, light, budget, rate, [seconds])

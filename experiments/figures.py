@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import os
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +10,8 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+
+from scenes.atomic import atomic_write
 
 #: Okabe and Ito's palette, told apart by colour-blind readers (jfly.uni-koeln.de/color, 2008), darkest first.
 BLACK, BLUE, VERMILION, GREEN = "#000000", "#0072B2", "#D55E00", "#009E73"
@@ -48,11 +49,9 @@ def new_figure(
 
 
 def save_svg(figure: Figure, path: Path) -> Path:
-    """Write the figure as SVG beside its final name, then move it there: a reader never meets half a file."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_suffix(".partial")
-    figure.savefig(partial, format="svg", metadata={"Date": None, "Creator": None})
-    os.replace(partial, path)
+    """Write the figure as SVG, whole or not at all."""
+    with atomic_write(path) as temporary:
+        figure.savefig(temporary, format="svg", metadata={"Date": None, "Creator": None})
     return path
 
 

@@ -8,6 +8,8 @@ import zlib
 from pathlib import Path
 from typing import Any
 
+from scenes.atomic import atomic_write
+
 Record = dict[str, Any]
 
 
@@ -40,9 +42,8 @@ class Journal:
             )
         records = {int(index): record for index, record in lines[1:]}
         # Written anew, so that a half line at the end does not spoil the next one appended.
-        temporary = self.path.with_suffix(".tmp")
-        temporary.write_text("".join(self._line(entry) for entry in lines), encoding="utf-8")
-        os.replace(temporary, self.path)
+        with atomic_write(self.path) as temporary:
+            temporary.write_text("".join(self._line(entry) for entry in lines), encoding="utf-8")
         return records
 
     def append(self, index: int, record: Record) -> None:

@@ -26,7 +26,6 @@ from experiments.journal import Journal
 from experiments.scenario import Scenario, ScenarioError, explain, load_data, set_key, validate
 from experiments.trials import VARIABLES, Progress
 from scenes.cache import TransportCache, default_folder
-from scenes.transport import Quality
 
 Values = Annotated[list[Any], Field(min_length=1)]
 
@@ -238,8 +237,7 @@ def compute(case: Case) -> Result:
 
 
 def _case(scenario: Scenario, store: TransportCache) -> dict[str, Any]:
-    quality = Quality(scenario.render.frame_samples, scenario.render.marker_rays, scenario.seed)
-    basis = store.basis(chain.view(scenario), quality)
+    basis = store.basis(chain.view(scenario), chain.quality(scenario))
     light = scenario.light
     rate = chain.electron_rate(scenario, basis, light)
     budget = chain.link_budget_beside(scenario, light, rate)

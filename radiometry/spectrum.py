@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from importlib.resources import files
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -99,10 +98,3 @@ def gaussian_line(centre_nm: float, fwhm_nm: float) -> Spectrum:
     values = np.exp(-0.5 * ((grid - centre_nm) / sigma) ** 2)
     values[[0, -1]] = 0.0
     return Spectrum(grid, values / np.trapezoid(values, grid))
-
-
-def from_csv(package: str, name: str) -> Spectrum:
-    """Spectrum from a data file of a package: '#' header lines, then wavelength [nm], value."""
-    text = (files(package) / "data" / name).read_text(encoding="utf-8")
-    table = np.loadtxt(text.splitlines(), delimiter=",", comments="#", ndmin=2)
-    return Spectrum(table[:, 0], table[:, 1])
