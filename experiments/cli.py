@@ -1,7 +1,7 @@
 """The `mantis` command: entry point, options that all verbs share, and how errors are told.
 
 Exit status: 0 done, 2 bad input, 3 the environment cannot run it, 4 a `--require` condition was not met.
-Verbs live in `experiments.verbs` and `experiments.studies`; both import what is heavy only when they run.
+Verbs live in `experiments.verbs`; they import what is heavy only when they run.
 """
 
 from __future__ import annotations
@@ -146,9 +146,9 @@ def mantis() -> None:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line and return the exit status; errors are one line on standard error."""
-    from experiments import studies, verbs
+    from experiments.verbs import stages, studies, thesis, tools
 
-    for verb in (*verbs.VERBS, *studies.VERBS):
+    for verb in (*stages.VERBS, *studies.VERBS, *thesis.VERBS, *tools.VERBS):
         mantis.add_command(verb)
     try:
         # Without a word it says what there is, rather than that a verb is missing.

@@ -12,8 +12,8 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from experiments.budget import BudgetResult, shown_exposure
-from experiments.verdict import CaseVerdict, Summary, exposure_name, summarise
+from experiments.budget.study import BudgetResult, shown_exposure
+from experiments.budget.verdict import CaseVerdict, Summary, exposure_name, summarise
 from experiments.wording import LIGHT_NAMES, number, seconds_text
 
 _GOOD, _BAD = "blue", "bold red"

@@ -10,8 +10,9 @@ import pytest
 import xarray as xr
 
 from detector.features import Features
-from experiments import budget, chain
-from experiments.budget import BudgetResult, Snapshot
+from experiments import chain
+from experiments.budget import study as budget
+from experiments.budget.study import BudgetResult, Snapshot
 from experiments.scenario import Scenario
 from radiometry import link
 

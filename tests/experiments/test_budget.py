@@ -16,7 +16,8 @@ import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from experiments import budget, chain
+from experiments import chain
+from experiments.budget import study as budget
 from experiments.cli import main
 from experiments.scenario import Scenario, load_scenario
 from radiometry.closure import CRITERIA

@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from experiments import chain, verbs
+from experiments import chain
 from experiments.cli import BAD_INPUT, REQUIREMENT_NOT_MET, RequirementNotMet
 from experiments.files import write_png
 from experiments.scenario import Scenario
+from experiments.verbs import stages as verbs
 from scenes import exr, transport
 from scenes.transport import TransportBasis
 

@@ -13,11 +13,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from experiments import chain, close, close_confirm, close_page, close_report
-from experiments.close_constraints import UNCERTAIN, Constraints, at_life, load_constraints
-from experiments.close_sensitivity import interval, ladder, probability
-from experiments.closure_form import FINE_DIFFERENCE, PHASE_DIFFERENCE, Sets, closed_form
-from experiments.closure_search import RADIOMETRIC, fly, margins, pareto, sets_of
+from experiments import chain
+from experiments.close import confirm as close_confirm
+from experiments.close import page as close_page
+from experiments.close import report as close_report
+from experiments.close import study as close
+from experiments.close.constraints import UNCERTAIN, Constraints, at_life, load_constraints
+from experiments.close.form import FINE_DIFFERENCE, PHASE_DIFFERENCE, Sets, closed_form
+from experiments.close.search import RADIOMETRIC, fly, margins, pareto, sets_of
+from experiments.close.sensitivity import interval, ladder, probability
 from experiments.scenario import Scenario, ScenarioError
 
 DOCS = Path(__file__).parents[2] / "docs"

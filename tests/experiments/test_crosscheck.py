@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from detector.sensor import Sensor, presets
-from experiments import crosscheck
 from experiments.scenario import Scenario, load_scenario
+from experiments.validate import crosscheck
 
 
 def _near(size_px: int) -> Scenario:

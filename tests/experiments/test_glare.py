@@ -12,11 +12,14 @@ from scipy import stats
 from detector.features import detect_features
 from detector.noise import NoiseModel
 from detector.sensor import Sensor, expose
-from experiments import chain, glare, glare_case, glare_report
-from experiments.glare_gallery import worst_frames
-from experiments.glare_geometry import Geometry, MovedView, Stand, at_sun, cropped, render
-from experiments.glare_modes import MODES, Mode, chaser_shadow, difference, pulse_s, shifted, take, through
-from experiments.glare_tables import mode_rows, summarise, verdicts, wilson
+from experiments import chain
+from experiments.glare import case as glare_case
+from experiments.glare import report as glare_report
+from experiments.glare import study as glare
+from experiments.glare.gallery import worst_frames
+from experiments.glare.geometry import Geometry, MovedView, Stand, at_sun, cropped, render
+from experiments.glare.modes import MODES, Mode, chaser_shadow, difference, pulse_s, shifted, take, through
+from experiments.glare.tables import mode_rows, summarise, verdicts, wilson
 from experiments.scenario import Scenario
 
 STAND = Stand(-4, 7, 10, 1)

@@ -10,8 +10,10 @@ from hypothesis import strategies as st
 from scipy.stats import binom, chi2
 
 from detector import pnp
-from experiments import montecarlo, montecarlo_figures, pose_scenes
-from experiments.pose_errors import Errors, wilson_interval
+from experiments.montecarlo import figures as montecarlo_figures
+from experiments.montecarlo import scenes as pose_scenes
+from experiments.montecarlo import study as montecarlo
+from experiments.montecarlo.errors import Errors, wilson_interval
 from radiometry.geometry import attitude_matrix, faces_camera, rotation_angle
 from radiometry.optics import Camera
 

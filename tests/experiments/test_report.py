@@ -20,8 +20,8 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from experiments import pictures
-from experiments.budget_figures import detection_interval
-from experiments.budget_report import MAX_PICTURED_RANGES, render_budget_report
+from experiments.budget.figures import detection_interval
+from experiments.budget.report import MAX_PICTURED_RANGES, render_budget_report
 from experiments.figures import new_figure
 from experiments.report import figure, toml_text
 from experiments.scenario import Scenario

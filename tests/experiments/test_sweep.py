@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from experiments import sweep as study
-from experiments.journal import Journal
-from experiments.plot import draw_slice
 from experiments.scenario import ScenarioError
+from experiments.sweep import study
+from experiments.sweep.journal import Journal
+from experiments.sweep.plot import draw_slice
 
 PLAN = """
 trials = 2
@@ -90,7 +90,8 @@ def test_a_sweep_killed_at_twenty_random_moments_ends_with_the_same_bytes(tmp_pa
     script = """
 import os, random, signal, sys, time
 from pathlib import Path
-from experiments import journal, sweep as study
+from experiments.sweep import journal
+from experiments.sweep import study
 folder = Path(sys.argv[1])
 plan = study.load_sweep(folder / "sweep.toml")
 appended = folder / "appended.txt"

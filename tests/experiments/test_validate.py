@@ -10,10 +10,12 @@ import pytest
 import xarray as xr
 
 from detector.sensor import Sensor, moments
-from experiments import chain, crosscheck, validate_figures, validate_tables
-from experiments import validate as study
+from experiments import chain
 from experiments.scenario import load_scenario
-from experiments.validate import (
+from experiments.validate import crosscheck, study
+from experiments.validate import figures as validate_figures
+from experiments.validate import tables as validate_tables
+from experiments.validate.study import (
     COARSE_TOLERANCE,
     DIMS,
     FINE_TOLERANCE,

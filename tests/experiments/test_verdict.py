@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.console import Console
 
-from experiments.advice import exposure_windows
+from experiments.budget.advice import exposure_windows
+from experiments.budget.verdict import MEASURES, summarise
 from experiments.console import budget_table, verdict_panel
-from experiments.verdict import MEASURES, summarise
 from experiments.wording import factor, number, ranges_text, seconds_text
 from radiometry import link
 from radiometry.closure import CRITERIA

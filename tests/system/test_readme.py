@@ -10,9 +10,10 @@ from pathlib import Path
 import click
 import pytest
 
-from experiments import cli, studies, verbs
-from experiments.close_constraints import load_constraints
+from experiments import cli
+from experiments.close.constraints import load_constraints
 from experiments.scenario import load_scenario
+from experiments.verbs import stages, studies, thesis, tools
 
 ROOT = Path(__file__).parents[2]
 PAGES = [path for path in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))) if path.is_file()]
@@ -41,7 +42,7 @@ def lines(command: str) -> list[tuple[str, list[str]]]:
 
 @pytest.fixture(scope="module")
 def mantis() -> click.Group:
-    for verb in (*verbs.VERBS, *studies.VERBS):
+    for verb in (*stages.VERBS, *studies.VERBS, *thesis.VERBS, *tools.VERBS):
         cli.mantis.add_command(verb)
     return cli.mantis
 

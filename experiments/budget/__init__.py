@@ -1,0 +1,1 @@
+"""The main job: rendered budget beside the closed form over range, its verdict, advice and report."""

@@ -1,0 +1,1 @@
+"""Detection and pose over the Sun's direction, mode by mode."""

@@ -1,0 +1,1 @@
+"""Pose from random points: the thesis's Monte Carlo, as listed and as meant."""

@@ -1,0 +1,1 @@
+"""Many scenarios into one labelled dataset: plan, journal, plot."""

@@ -1,0 +1,1 @@
+"""Analytic hierarchy process: the thesis's trade-off, and any other."""

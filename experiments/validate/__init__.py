@@ -1,0 +1,1 @@
+"""The closed form held against rendering, with an error budget."""
