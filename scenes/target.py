@@ -1,4 +1,4 @@
-"""The debris face that carries the marker: a square of crinkled foil behind the marker plane."""
+"""The debris face that carries the marker: a square of crinkled foil behind its plane, and metal bars beside it if wanted."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ from scenes.marker import MarkerDesign, Mesh
 
 #: Facets along a side of the face that the renderer is asked to mesh: two million triangles.
 MAX_FACETS = 1000
+#: Flat strips of a half-round bar, enough that a glint of some degrees' lobe is smooth.
+_EDGE_STRIPS = 64
 
 
 class Target(BaseModel):
@@ -33,6 +35,10 @@ class Target(BaseModel):
         4.0, description="standard deviation of the facets' slope [deg]; 0 is a flat sheet; assumption"
     )
     facet_seed: int = Field(1, ge=0, description="which crinkle")
+    edge_radius_m: Annotated[float, Field(ge=0, le=0.1, allow_inf_nan=False)] = Field(
+        0.0, description="radius of half-round bars along the marker's four sides [m]; 0 is none"
+    )
+    edge_material: str = Field("aluminium", description="material of those bars")
     pitch_deg: Annotated[float, Field(ge=-80, le=80)] = Field(0.0, description="tilt about the marker's x axis [deg]")
     yaw_deg: Annotated[float, Field(ge=-80, le=80)] = Field(0.0, description="tilt about the marker's y axis [deg]")
     roll_deg: Annotated[float, Field(ge=-180, le=180)] = Field(0.0, description="turn about the marker's normal [deg]")
@@ -52,9 +58,18 @@ class Target(BaseModel):
         return self
 
     @property
-    def materials(self) -> tuple[str, str, str]:
-        """Names of all materials: tape, absorber and face."""
-        return self.tape_material, self.absorber_material, self.face_material
+    def materials(self) -> tuple[str, ...]:
+        """Names of all materials: tape, absorber, face, and the bars' where there are any."""
+        names = self.tape_material, self.absorber_material, self.face_material
+        return (*names, self.edge_material) if self.edge_radius_m > 0 else names
+
+
+def surroundings(target: Target, marker: MarkerDesign) -> dict[str, tuple[Mesh, str]]:
+    """Everything about the marker, as mesh and material by name."""
+    meshes = {"face": (face_mesh(target, marker), target.face_material)}
+    if target.edge_radius_m > 0:
+        meshes["edge"] = (edge_mesh(target, marker), target.edge_material)
+    return meshes
 
 
 def face_mesh(target: Target, marker: MarkerDesign) -> Mesh:
@@ -81,6 +96,29 @@ def face_mesh(target: Target, marker: MarkerDesign) -> Mesh:
     sigma = np.tan(np.radians(target.facet_slope_deg)) / np.sqrt(np.mean(facet_slopes(vertices, faces) ** 2))
     vertices[:, 2] = -marker.thickness_m + sigma * (vertices[:, 2] - 3)
     return vertices, faces
+
+
+def edge_mesh(target: Target, marker: MarkerDesign) -> Mesh:
+    """Half-round bars along the marker's four sides, a radius off them, flush with its back: vertices (n, 3) [m], faces (m, 3).
+
+    A cylinder has a line of specular points for any Sun in its half space: an edge that always glints somewhere.
+    """
+    radius, reach = target.edge_radius_m, marker.size_m / 2 + 3 * target.edge_radius_m
+    angle = np.linspace(0, np.pi, _EDGE_STRIPS + 1)
+    profile = np.stack([-np.cos(angle), np.sin(angle)], axis=-1) * radius  # across the bar, out of the face
+    across = marker.size_m / 2 + 2 * radius + profile[:, 0]
+    ends = [np.stack([across, np.full_like(across, y), profile[:, 1]], axis=-1) for y in (-reach, reach)]
+    bar = np.stack(ends, axis=1).reshape(-1, 3)
+    k = 2 * np.arange(_EDGE_STRIPS, dtype=np.uint32)[:, None]
+    strips = np.concatenate([k + np.array([0, 3, 1], np.uint32), k + np.array([0, 2, 3], np.uint32)])
+    vertices, faces = [], []
+    for turn in range(4):
+        c, s = (1, 0, -1, 0)[turn], (0, 1, 0, -1)[turn]
+        vertices.append(np.stack([c * bar[:, 0] - s * bar[:, 1], s * bar[:, 0] + c * bar[:, 1], bar[:, 2]], axis=-1))
+        faces.append(strips + np.uint32(turn * len(bar)))
+    points = np.concatenate(vertices)
+    points[:, 2] -= marker.thickness_m
+    return points, np.concatenate(faces)
 
 
 def facet_slopes(vertices_m: FloatArray, faces: NDArray[np.uint32]) -> FloatArray:

@@ -19,6 +19,10 @@ _ATTITUDE_DEG = (0.03, 10.0)
 
 #: Pieces of one azimuth's sector.
 _ARCS = 12
+#: Modes side by side in a map.
+_COLUMNS = 6
+#: Modes drawn over phase: more lines could not be told apart; the table has all.
+_OVER_PHASE = ("single", "narrow", "ladder", "two_bands", "pair", "long", "thesis")
 
 
 def detection_map(dataset: xr.Dataset) -> Figure:
@@ -37,15 +41,22 @@ def _polar(values: xr.DataArray, label: str, colours: str, norm: Normalize) -> F
     modes, ranges, phases = (values[d].values for d in ("mode", "range_m", "phase_deg"))
     azimuth = np.radians(values.azimuth_deg.values)
     step = 2 * np.pi / len(azimuth)
+    columns = min(len(modes), _COLUMNS)
+    rows = len(ranges) * -(-len(modes) // columns)
     figure, axes = new_figure(
-        len(ranges), len(modes), (1.28 * len(modes) + 0.9, 1.45 * len(ranges) + 0.9), subplot_kw={"projection": "polar"}
+        rows, columns, (1.28 * columns + 0.9, 1.45 * rows + 0.9), subplot_kw={"projection": "polar"}
     )
     figure.set_dpi(220)  # of the maps inside the drawing
     colour_map = colormaps[colours].with_extremes(bad="#bbbbbb")
     # Rings of one width each, for half of the story lies within 10° of the camera's own direction.
     edges = np.arange(len(phases) + 1)
     mesh = None
-    for (i, j), axis in np.ndenumerate(axes):
+    for (row, column), axis in np.ndenumerate(axes):
+        block, i = divmod(row, len(ranges))
+        j = block * columns + column
+        if j >= len(modes):
+            axis.axis("off")
+            continue
         cells = values.sel(mode=modes[j], range_m=ranges[i]).transpose("phase_deg", "azimuth_deg").values
         # A quadrilateral's outer side is a chord: many narrow ones make an arc. As an image they stay small.
         angle = azimuth[0] - step / 2 + np.linspace(0, 2 * np.pi, _ARCS * len(azimuth) + 1)
@@ -58,7 +69,7 @@ def _polar(values: xr.DataArray, label: str, colours: str, norm: Normalize) -> F
                 axis.text(np.radians(75), k + 0.5, f"{phase:g}", fontsize=4.5, ha="center", va="center", color=BLACK)
         if i == 0:
             axis.set_title(str(modes[j]))
-        if j == 0:
+        if column == 0:
             axis.set_ylabel(f"{ranges[i]:g} m", labelpad=10)
     assert mesh is not None
     figure.colorbar(mesh, ax=axes, label=label, shrink=0.8, aspect=30)
@@ -70,16 +81,21 @@ def _polar(values: xr.DataArray, label: str, colours: str, norm: Normalize) -> F
 
 def over_phase(summary: xr.Dataset) -> Figure:
     """Detection with its interval, attitude error and bias of the blobs over phase, by range and mode."""
-    ranges, modes = summary.range_m.values, summary.mode.values
+    ranges, modes = summary.range_m.values, [m for m in _OVER_PHASE if m in summary.mode.values] or summary.mode.values
     figure, axes = new_figure(3, len(ranges), (max(3.4 * len(ranges) + 0.4, 6.4), 6.6), sharex=True, sharey="row")
     place = np.arange(summary.sizes["phase_deg"])
     for j, range_m in enumerate(ranges):
         for m, mode in enumerate(modes):
             cells = summary.sel(range_m=range_m, mode=mode)
-            style = {"color": _COLOURS[m % len(_COLOURS)], "marker": MARKERS[m % len(MARKERS)], "ms": 3, "lw": 1.0}
+            style = {"color": COLOURS[m % len(COLOURS)], "marker": MARKERS[m % len(MARKERS)], "ms": 3, "lw": 1.0}
             rate, low, high = (100 * cells[k].values for k in ("detection", "detection_low", "detection_high"))
             axes[0, j].errorbar(
-                place + 0.05 * (m - 4), rate, [rate - low, high - rate], label=str(mode), elinewidth=0.6, **style
+                place + 0.06 * (m - len(modes) / 2),
+                rate,
+                [rate - low, high - rate],
+                label=str(mode),
+                elinewidth=0.6,
+                **style,
             )
             axes[1, j].plot(place, cells.attitude_p95_deg, **style)
             axes[2, j].plot(place, cells.blob_bias_px, **style)
@@ -99,10 +115,6 @@ def over_phase(summary: xr.Dataset) -> Figure:
         axis.set_ylabel(label)
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=5)
     return figure
-
-
-#: Nine modes: the palette without its yellow, and two greys.
-_COLOURS = (*COLOURS[:7], "#777777", "#8B4513")
 
 
 def dimmed(case: xr.Dataset) -> Figure:

@@ -6,14 +6,14 @@ later: turned at the tumble rate about an axis behind the marker.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from experiments import chain
-from experiments.glare.modes import MODES, Lit, Mode, chaser_shadow, through
+from experiments.glare.modes import MODES, POLARISATION_KEPT, POLARISER_TRANSMISSION, Lit, Mode, chaser_shadow, through
 from experiments.presets import presets
 from experiments.scenario import Scenario
 from radiometry.filters import Bandpass
@@ -68,17 +68,30 @@ class Geometry:
         scenario: its camera is cropped about the marker.
         motion_px: image motion (2,) of the marker's centre between the frames of a pair.
         free: share of the Sun left by the chaser, (H, W), by its radius [m].
+        grey_sun: electron rate of sunlight from a surface that returns all wavelengths alike, by filter, in a common unit.
     """
 
     scenario: Scenario
     rates: dict[str | None, Lit]
     motion_px: FloatArray
     free: dict[float, FloatArray]
+    grey_sun: dict[str | None, float]
 
     def lit(self, mode: Mode) -> Lit:
-        """Rates of a mode: its filter, and its chaser's shadow."""
-        lit, free = self.rates[mode.filter], self.free[mode.chaser_radius_m]
-        return lit if mode.chaser_radius_m == 0 else Lit(lit.led, lit.sun * free, lit.moved_sun * free)
+        """Rates of a mode: its filters, its polarisers, and its chaser's shadow."""
+        lit = self.rates[mode.filter]
+        if mode.off_filter is not None:
+            second = self.rates[mode.off_filter]
+            ratio = self.grey_sun[mode.filter] / self.grey_sun[mode.off_filter]
+            lit = replace(lit, off=second.led + second.sun, off_scale=ratio)
+        if mode.polarised:
+            sun = POLARISER_TRANSMISSION / 2
+            led = sun * (1 + POLARISATION_KEPT)
+            lit = Lit(lit.led * led, lit.sun * sun, lit.moved_sun * sun)
+        if mode.chaser_radius_m:
+            free = self.free[mode.chaser_radius_m]
+            lit = Lit(lit.led, lit.sun * free, lit.moved_sun * free)
+        return lit
 
 
 def at_sun(scenario: Scenario, range_m: float, phase_deg: float, azimuth_deg: float, stand: Stand) -> Scenario:
@@ -118,9 +131,10 @@ def render(scenario: Scenario, names: tuple[str, ...], pair_interval_s: float, r
     paired = any(m.pair for m in modes)
     now = render_basis(view, quality)
     then = render_basis(later, quality) if paired else now
-    rates = {}
-    for name in {m.filter for m in modes}:
-        here = through(scenario, Mode("", filter=name))
+    rates, grey_sun = {}, {}
+    for name in {m.filter for m in modes} | {m.off_filter for m in modes if m.off_filter}:
+        here = through(scenario, name)
+        grey_sun[name] = (chain.strengths(here)["sun"] * chain.responsivity(here)).integral()
         led, both = (chain.electron_rate(here, now, light) for light in ("eclipse", "sun"))
         moved = (
             chain.electron_rate(here, then, "sun") - chain.electron_rate(here, then, "eclipse")
@@ -131,7 +145,7 @@ def render(scenario: Scenario, names: tuple[str, ...], pair_interval_s: float, r
     centre = np.zeros((1, 3))
     return Geometry(
         scenario, rates, (later.to_image(centre) - view.to_image(centre))[0],
-        {m.chaser_radius_m: chaser_shadow(view, m.chaser_radius_m) for m in modes},
+        {m.chaser_radius_m: chaser_shadow(view, m.chaser_radius_m) for m in modes}, grey_sun,
     )  # fmt: skip
 
 

@@ -1,4 +1,5 @@
-"""Counter-measures against sun glare, each a mode: filter, shutter, on/off pair, the chaser's own shadow, the pipeline.
+"""Counter-measures against sun glare, each a mode: filter, shutter, on/off pair, ladder, second band, polarisers, the chaser's
+own shadow, the pipeline.
 
 A mode turns the electron rates of LEDs and Sun into an image, the noise the detector is told of, and features. The LED pulse is
 set so that the bright bits reach the scenario's fraction of the well; the Sun shines as long as the shutter is open.
@@ -15,8 +16,9 @@ from numpy.typing import NDArray
 from detector.baseline import baseline_features, to_eight_bits
 from detector.features import Features, detect_features
 from detector.noise import NoiseModel
-from detector.sensor import Sensor, expose
+from detector.sensor import expose
 from experiments.chain import usable_well
+from experiments.glare.fusion import difference, fused
 from experiments.presets import presets
 from experiments.scenario import Scenario
 from radiometry.filters import Bandpass
@@ -25,9 +27,10 @@ from scenes.transport import View
 
 #: Error of the predicted image motion between the frames of a pair, over the motion. Assumption: a tracking filter's.
 MOTION_ERROR = 0.05
-#: What resampling and the error of the motion leave in a registered frame, as a shift [px]; tells the noise model how far
-#: to trust pixels where the subtracted light is steep. Assumption.
-REGISTRATION_SIGMA_PX = 0.05
+#: Part of unpolarised light that a polariser passes, twice over. Assumption: a wire grid for the near infrared.
+POLARISER_TRANSMISSION = 0.9
+#: Degree of linear polarisation that the tape's return keeps of polarised LED light. Assumption: prisms turn it in part.
+POLARISATION_KEPT = 0.6
 
 
 @dataclass(frozen=True)
@@ -42,6 +45,12 @@ class Mode:
     """How long the shutter is open [s]; None: as long as the LED pulse."""
     pair: Literal["", "raw", "registered"] = ""
     """Whether a frame without LEDs is subtracted, as it is or shifted back by the predicted motion."""
+    rungs: tuple[float, ...] = (1.0,)
+    """Exposures of a ladder over the LED pulse, falling; each with a pulse and shutter of its own."""
+    off_filter: str | None = None
+    """Filter preset, beside the LEDs' band, of a second camera at the same moment, whose image is subtracted."""
+    polarised: bool = False
+    """Whether the LEDs shine through a polariser and the camera looks through one parallel to it."""
     chaser_radius_m: float = 0.0
     """Radius of the disc, in the plane of the lens and about the axis, that shadows the target [m]; 0 is none."""
     pipeline: Literal["mantis", "thesis"] = "mantis"
@@ -57,6 +66,9 @@ MODES: dict[str, Mode] = {
     "long": Mode("the same LED pulse, shutter open for 1 ms", shutter_s=1e-3),
     "pair": Mode("LEDs on minus LEDs off, registered", pair="registered"),
     "pair_raw": Mode("LEDs on minus LEDs off, not registered", pair="raw"),
+    "ladder": Mode("exposure ladder: the pulse, a quarter and a sixteenth of it, fused", rungs=(1.0, 1 / 4, 1 / 16)),
+    "two_bands": Mode("850 nm minus 785 nm at the same moment", filter="bp850_25", off_filter="bp785_25"),
+    "polarised": Mode("one frame, polarisers before LEDs and lens", polarised=True),
     "shadowed": Mode("one frame, the chaser's body (0.5 m radius) shadows the target", chaser_radius_m=0.5),
     "thesis": Mode("the thesis's pipeline: LP715, 8 bits, OpenCV ArUco and blobs", filter="lp715", pipeline="thesis"),
 }
@@ -69,22 +81,26 @@ class Lit:
     led: FloatArray
     sun: FloatArray
     moved_sun: FloatArray
+    off: FloatArray | None = None
+    """All light through the filter of the second band [e⁻/s], where there is one."""
+    off_scale: float = 1.0
+    """Sunlight from a grey surface through the first filter over that through the second."""
 
 
 @dataclass(frozen=True)
 class Exposed:
-    """An image, what is known of its noise, and the frame with LEDs that it came from."""
+    """An image, what is known of its noise, and the frame with LEDs that tells how far it saturates: a ladder's shortest."""
 
     image: FloatArray | NDArray[np.uint16]
     noise: NoiseModel
     lit_dn: NDArray[np.uint16]
 
 
-def through(scenario: Scenario, mode: Mode) -> Scenario:
-    """The scenario with the mode's filter."""
-    if mode.filter is None:
+def through(scenario: Scenario, preset: str | None) -> Scenario:
+    """The scenario with the filter of a preset; None is its own."""
+    if preset is None:
         return scenario
-    return scenario.model_copy(update={"filter": Bandpass(**presets("filter")[mode.filter])})
+    return scenario.model_copy(update={"filter": Bandpass(**presets("filter")[preset])})
 
 
 def pulse_s(scenario: Scenario, mode: Mode, led_bits: float, sun_bits: float) -> float:
@@ -99,7 +115,7 @@ def pulse_s(scenario: Scenario, mode: Mode, led_bits: float, sun_bits: float) ->
 
 
 def take(
-    sensor: Sensor, mode: Mode, lit: Lit, seconds: float, motion_px: FloatArray, rng: np.random.Generator
+    scenario: Scenario, mode: Mode, lit: Lit, seconds: float, motion_px: FloatArray, rng: np.random.Generator
 ) -> Exposed:
     """One image of a mode.
 
@@ -107,16 +123,28 @@ def take(
         seconds: LED pulse.
         motion_px: image motion (2,) of the target's marker between the two frames of a pair.
     """
+    sensor = scenario.sensor
     shutter = seconds if mode.shutter_s is None else mode.shutter_s
     on = expose(sensor, (lit.led * seconds + lit.sun * shutter) / shutter, shutter, rng).dn
     if mode.pair:
         off = expose(sensor, lit.moved_sun, shutter, rng).dn
         predicted = motion_px * (1 + MOTION_ERROR * rng.standard_normal()) if mode.pair == "registered" else np.zeros(2)
-        image, noise = difference(sensor, on, off, predicted)
-        return Exposed(image, noise, on)
+        return Exposed(*difference(sensor, on, off, predicted), on)
+    if lit.off is not None:
+        off = expose(sensor, lit.off, shutter, rng).dn
+        return Exposed(*difference(sensor, on, off, np.zeros(2), lit.off_scale), on)
+    if len(mode.rungs) > 1:
+        steps = rung_exposures_s(scenario, mode, seconds)
+        frames = [on, *(expose(sensor, lit.led + lit.sun, s, rng).dn for s in steps[1:])]
+        return Exposed(*fused(sensor, frames, steps), frames[-1])
     gain = 1 / sensor.gain_electrons_per_dn
     noise = NoiseModel(gain, sensor.total_noise_electrons * gain, sensor.offset_dn, sensor.saturation_dn)
     return Exposed(on, noise, on)
+
+
+def rung_exposures_s(scenario: Scenario, mode: Mode, seconds: float) -> list[float]:
+    """Exposures of a mode's ladder from its LED pulse on [s]: those that the camera can make, each once."""
+    return sorted({max(seconds * rung, scenario.auto_exposure.shortest_s) for rung in mode.rungs}, reverse=True)
 
 
 def features_of(scenario: Scenario, mode: Mode, shown: Exposed) -> Features:
@@ -125,46 +153,6 @@ def features_of(scenario: Scenario, mode: Mode, shown: Exposed) -> Features:
         sensor = scenario.sensor
         return baseline_features(to_eight_bits(shown.image, sensor.offset_dn, sensor.saturation_dn), scenario.marker)
     return detect_features(shown.image, scenario.marker, scenario.camera, shown.noise)
-
-
-def difference(
-    sensor: Sensor, on_dn: NDArray[np.uint16], off_dn: NDArray[np.uint16], motion_px: FloatArray
-) -> tuple[FloatArray, NoiseModel]:
-    """LEDs on minus LEDs off [e⁻], the second shifted back by a motion (2,) [px], and the noise of the difference.
-
-    The subtracted light counts twice in the variance: as shot noise of the first frame and, with read noise, through the
-    shift's kernel, of the second. Where either is clipped, the difference says nothing: infinite variance.
-    """
-    gain, sigma = sensor.gain_electrons_per_dn, sensor.total_noise_electrons
-    on, off = ((frame - np.float32(sensor.offset_dn)) * np.float32(gain) for frame in (on_dn, off_dn))
-    single = NoiseModel(1 / gain, sigma / gain, sensor.offset_dn, sensor.saturation_dn)
-    clipped = (on_dn >= single.saturated_above_dn) | (
-        shifted((off_dn >= single.saturated_above_dn).astype(np.float32), motion_px, power=2) > 0
-    )
-    sun = shifted(off, motion_px)
-    down, across = np.gradient(sun)
-    steep = REGISTRATION_SIGMA_PX**2 * (down**2 + across**2) if motion_px.any() else 0.0
-    extra = np.maximum(sun, 0) + shifted(np.maximum(off, 0) + np.float32(sigma**2), motion_px, power=2) + steep
-    return on - sun, NoiseModel(1.0, sigma, extra_variance_dn2=np.where(clipped, np.inf, extra))
-
-
-def shifted(image: FloatArray, motion_px: FloatArray, power: int = 1) -> FloatArray:
-    """The image (H, W) moved back by a motion (2,) [px], by cubic convolution (Keys 1981, a = −½) with repeated edges.
-
-    With `power` 2 the kernel is squared: variances of the moved image from those of the image.
-    """
-    from scipy.ndimage import correlate1d
-
-    result = np.asarray(image, np.float32)
-    for axis, move in ((1, motion_px[0]), (0, motion_px[1])):
-        whole = int(np.floor(move))
-        t = np.abs(np.arange(-1, 3) - (move - whole))
-        kernel = np.where(t < 1, 1.5 * t**3 - 2.5 * t**2 + 1, -0.5 * t**3 + 2.5 * t**2 - 4 * t + 2) ** power
-        padded = np.zeros(2 * (abs(whole) + 2) + 1)
-        middle = len(padded) // 2
-        padded[middle + whole - 1 : middle + whole + 3] = kernel
-        result = correlate1d(result, padded, axis=axis, mode="nearest")
-    return result
 
 
 def chaser_shadow(view: View, radius_m: float) -> FloatArray:

@@ -15,6 +15,7 @@ from experiments import pictures
 from experiments.figures import save_svg
 from experiments.files import write_netcdf, write_text
 from experiments.glare import case as glare_case
+from experiments.glare import conditions
 from experiments.glare import figures as glare_figures
 from experiments.glare.gallery import Worst, worst_frames
 from experiments.glare.modes import MODES
@@ -66,6 +67,7 @@ class GlareResult:
     summary: xr.Dataset
     whole: xr.Dataset
     case: xr.Dataset
+    conditions: xr.Dataset
     worst: list[Worst]
 
 
@@ -84,8 +86,11 @@ def study(
     whole = false_positives(scenario, plan, tuple(n for n in plan.modes if n in WHOLE_MODES))
     scales = glare_case.SCALES[:: 2 if quick else 1]
     case = glare_case.run(scenario, plan.stands, 4 if quick else 8, plan.pair_interval_s, scales, progress)
+    phases = conditions.PHASES_DEG[1:3] if quick else conditions.PHASES_DEG
+    stands, rays = (plan.stands[:1], 60_000) if quick else (plan.stands, plan.rays)
+    changed = conditions.run(scenario, stands, 1 if quick else 4, plan.pair_interval_s, phases, rays, progress)
     summary = summarise(dataset, scenario)
-    return GlareResult(scenario, plan, dataset, summary, whole, case, worst_frames(dataset, scenario, plan))
+    return GlareResult(scenario, plan, dataset, summary, whole, case, changed, worst_frames(dataset, scenario, plan))
 
 
 #: Modes whose whole frames are searched; the other single frames differ from these by less than the frames among themselves.
@@ -226,7 +231,7 @@ def how(result: GlareResult) -> list[str]:
 #: What this version leaves out.
 MISSING = (
     "smear within an exposure (0.05 m/s over a pulse of microseconds is far below a pixel; over 1 ms 0.06 px at 2 m)",
-    "exposure ladders (HDR), two-wavelength pairs, polarisers, and off–on–off triples",
+    "off–on–off triples; polarisation of the sunlight that foil returns",
     "stray light of a Sun outside the field, unless the scenario's camera has a table of it; the Sun inside the field",
     "light reflected twice: 0.7 % of the Sun's at most",
     "a shutter that lets light in while closed (parasitic light sensitivity), which matters for microsecond exposures",
@@ -248,6 +253,8 @@ def page(result: GlareResult, command: str) -> str:
         "## Modes", markdown(("mode", "what it is"), modes),
         "Each row gives the worst phase angle of its group.", markdown(HEADINGS, mode_rows(result.summary)),
         "## Maps", _image("glare-detection"), _image("glare-pose"), _image("glare-phase"),
+        "## Other surroundings, lens and sensor", condition_words(result.conditions),
+        markdown(conditions.HEADINGS, conditions.rows(result.conditions, result.scenario)),
         "## Worst frames", _image("glare-gallery"),
         "## False positives on whole frames",
         f"At {result.plan.whole_range_m:g} m, whole frames are searched for identities that they do not hold. In the table of "
@@ -258,6 +265,16 @@ def page(result: GlareResult, command: str) -> str:
     ]  # fmt: skip
     text = "\n\n".join(parts)
     return text.replace("\n\n- ", "\n- ") + "\n"
+
+
+def condition_words(changed: xr.Dataset) -> str:
+    """What the table of conditions holds."""
+    phases = ", ".join(f"{p:g}°" for p in changed.phase_deg.values)
+    return (
+        f"One thing changed at a time, at {conditions.RANGE_M:g} m, phase angles {phases}, {changed.sizes['frame']} frames each: "
+        "the worst phase of each figure, and the phases at which not every pose is within the requirement. Figures of lens and "
+        "sensor are assumptions; veiling glare is spread over a crop about the marker, so more of it than over a frame."
+    )
 
 
 def _image(name: str) -> str:
@@ -277,6 +294,12 @@ def html(result: GlareResult, command: str, plots: dict[str, Plot]) -> str:
     whole = Table(
         WHOLE_HEADINGS, tuple(tuple(Cell(c) for c in row) for row in whole_rows(result.whole)), "Whole frames"
     )
+    changed = Table(
+        conditions.HEADINGS,
+        tuple(tuple(Cell(c) for c in row) for row in conditions.rows(result.conditions, result.scenario)),
+        "One thing changed at a time",
+        sortable=True,
+    )
     dimmed = Bullets(tuple(dimmed_findings(result.case)))
     kinds = Table(
         ("mode", "what it is"), tuple((Cell(n), Cell(title(n), style="left")) for n in result.plan.modes), "Modes"
@@ -286,6 +309,7 @@ def html(result: GlareResult, command: str, plots: dict[str, Plot]) -> str:
         Section("thesis", "The thesis’s finding, reproduced and resolved", (dimmed, drawn("glare-dimmed"))),
         Section("maps", "Where the Sun may stand", (drawn("glare-detection"), drawn("glare-pose"), drawn("glare-phase"))),
         Section("modes", "Mode by mode", (kinds, table)),
+        Section("conditions", "Other surroundings, lens and sensor", (Text((condition_words(result.conditions),)), changed)),
         Section("gallery", "Worst frames", (_strip(result),)),
         Section("whole", "False positives", (whole,)),
         Section("how", "How, and what is left out", (Bullets(tuple(how(result))), Text(("Left out:",)), Bullets(MISSING))),

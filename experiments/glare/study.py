@@ -17,10 +17,9 @@ import xarray as xr
 
 from detector.features import Features
 from detector.pose import solve_pose
-from detector.sensor import Sensor
 from experiments import chain
 from experiments.glare.geometry import Geometry, Stand, at_sun, cropped, render
-from experiments.glare.modes import MODES, Exposed, Mode, features_of, pulse_s, take
+from experiments.glare.modes import MODES, Exposed, Mode, features_of, pulse_s, rung_exposures_s, take
 from experiments.scenario import Scenario
 from experiments.workers import pool
 from radiometry.geometry import FloatArray
@@ -136,17 +135,26 @@ def _joined(pixels: list) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate([p[0] for p in pixels]), np.concatenate([p[1] for p in pixels])
 
 
-def expected_cnr(sensor: Sensor, mode: Mode, led: tuple[float, float], sun: tuple[float, float], pulse: float) -> float:
+def expected_cnr(
+    scenario: Scenario, mode: Mode, led: tuple[float, float], sun: tuple[float, float], pulse: float, off_scale: float
+) -> float:
     """CNR of a bit from mean rates of bright and dark pixels [e⁻/s]; NaN where the bright one would fill the well.
 
-    A pair's difference has the LEDs' contrast alone, and the Sun's shot noise and the read noise twice.
+    A difference has the LEDs' contrast alone, and as noise the Sun's and the reading of both frames, the second times
+    `off_scale`. A ladder is read from its longest exposure that the bright bit does not fill.
     """
-    shutter, twice = pulse if mode.shutter_s is None else mode.shutter_s, 2 if mode.pair else 1
-    bright, dark = ((a * pulse, b * shutter) for a, b in zip(led, sun, strict=True))
-    if sum(bright) > chain.usable_well(sensor):
+    shutter, well = pulse if mode.shutter_s is None else mode.shutter_s, chain.usable_well(scenario.sensor)
+    rungs = [s / pulse for s in rung_exposures_s(scenario, mode, pulse)] if len(mode.rungs) > 1 else [1.0]
+    fitting = [rung for rung in rungs if rung * (led[0] * pulse + sun[0] * shutter) <= well]
+    if not fitting:
         return np.nan
-    contrast = bright[0] - dark[0] + (0 if mode.pair else bright[1] - dark[1])
-    noise2 = bright[0] + dark[0] + twice * (bright[1] + dark[1] + 2 * sensor.total_noise_electrons**2)
+    bright, dark = ((fitting[0] * a * pulse, fitting[0] * b * shutter) for a, b in zip(led, sun, strict=True))
+    subtracts = bool(mode.pair or mode.off_filter)
+    second = off_scale if subtracts else 0.0
+    contrast = bright[0] - dark[0] + (0 if subtracts else bright[1] - dark[1])
+    # The second frame holds the Sun over its scale, and counts by the scale's square.
+    noise2 = bright[0] + dark[0] + (1 + second) * (bright[1] + dark[1])
+    noise2 += (1 + second**2) * 2 * scenario.sensor.total_noise_electrons**2
     return float(contrast / np.sqrt(noise2))
 
 
@@ -157,11 +165,11 @@ def frames(
     mode, scenario, lit = MODES[name], geometry.scenario, geometry.lit(MODES[name])
     led, sun = truth.bits(lit.led), truth.bits(lit.sun)
     seconds = pulse_s(scenario, mode, led[0], sun[0])
-    sensor, contrast = scenario.sensor, expected_cnr(scenario.sensor, mode, led, sun, seconds)
+    sensor, contrast = scenario.sensor, expected_cnr(scenario, mode, led, sun, seconds, lit.off_scale)
     ceiling = sensor.saturation_dn - 4 * sensor.total_noise_electrons / sensor.gain_electrons_per_dn
     for k in range(draws):
         rng = np.random.default_rng((scenario.seed, *key, k))
-        shown = take(sensor, mode, lit, seconds, geometry.motion_px, rng)
+        shown = take(scenario, mode, lit, seconds, geometry.motion_px, rng)
         features = features_of(scenario, mode, shown)
         saturated = float(np.mean(shown.lit_dn[truth.white] >= ceiling))
         yield (

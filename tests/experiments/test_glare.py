@@ -16,9 +16,10 @@ from experiments import chain
 from experiments.glare import case as glare_case
 from experiments.glare import report as glare_report
 from experiments.glare import study as glare
+from experiments.glare.fusion import difference, fused, shifted
 from experiments.glare.gallery import worst_frames
 from experiments.glare.geometry import Geometry, MovedView, Stand, at_sun, cropped, render
-from experiments.glare.modes import MODES, Mode, chaser_shadow, difference, pulse_s, shifted, take, through
+from experiments.glare.modes import MODES, Mode, chaser_shadow, pulse_s, rung_exposures_s, take, through
 from experiments.glare.tables import mode_rows, summarise, verdicts, wilson
 from experiments.scenario import Scenario
 
@@ -65,6 +66,50 @@ def test_variance_of_a_difference_is_that_of_both_frames() -> None:
     assert abs(image.mean() - 2000) < 4 * np.sqrt(predicted / image.size)
 
 
+def test_scaled_difference_removes_the_light_of_the_second_band_and_knows_its_noise() -> None:
+    sensor, rng, scale = Sensor(), np.random.default_rng(5), 0.7
+    led, sun = np.full((120, 120), 2000.0), np.full((120, 120), 2100.0)
+    on, off = expose(sensor, led + sun, 1.0, rng).dn, expose(sensor, sun / scale, 1.0, rng).dn
+    image, noise = difference(sensor, on, off, np.zeros(2), scale)
+    predicted = noise.variance(np.full(image.shape, 2000.0)).mean()
+    low, high = stats.chi2.interval(0.9999, image.size - 1)
+    assert low < (image.size - 1) * image.var() / predicted < high
+    assert abs(image.mean() - 2000) < 4 * np.sqrt(predicted / image.size)
+
+
+def test_ladder_reads_each_pixel_from_the_longest_exposure_that_is_not_clipped() -> None:
+    scenario, mode = Scenario(), MODES["ladder"]
+    sensor, steps = scenario.sensor, rung_exposures_s(scenario, mode, 4e-6)
+    assert steps == pytest.approx([4e-6, 1e-6, 2.5e-7])
+    # The second of these fills the well in the first rung, the third in the first two, the last in all.
+    charges = np.repeat([8e3, 6e4, 2.4e5, 1e6], 400).reshape(40, 40)
+    rng = np.random.default_rng(6)
+    image, noise = fused(sensor, [expose(sensor, charges / 4e-6, s, rng).dn for s in steps], steps)
+    assert noise.extra_variance_dn2 is not None
+    assert np.isinf(noise.extra_variance_dn2[30:]).all()
+    predicted = noise.variance(charges)
+    for rows in (slice(0, 10), slice(10, 20), slice(20, 30)):
+        part, expected = image[rows], predicted[rows].mean()
+        low, high = stats.chi2.interval(0.9999, part.size - 1)
+        assert low < (part.size - 1) * part.var() / expected < high
+        assert abs(part.mean() - charges[rows].mean()) < 4 * np.sqrt(expected / part.size)
+
+
+def test_rungs_below_the_cameras_shortest_exposure_are_not_taken() -> None:
+    scenario = Scenario()
+    shortest = scenario.auto_exposure.shortest_s
+    assert rung_exposures_s(scenario, MODES["ladder"], 2 * shortest) == [2 * shortest, shortest]
+
+
+def test_second_band_holds_the_same_sunlight_of_a_grey_surface(geometry: Geometry) -> None:
+    lit = geometry.lit(MODES["two_bands"])
+    truth = glare.Truth(geometry.scenario)
+    assert lit.off is not None
+    # Tape and foil are nearly grey from 785 to 850 nm, and the LEDs do not reach that far.
+    bright, _ = truth.bits(lit.sun)
+    assert truth.bits(lit.off)[0] * lit.off_scale == pytest.approx(bright, rel=0.05)
+
+
 def test_clipped_pixels_of_either_frame_say_nothing() -> None:
     sensor = Sensor()
     on, off = np.full((20, 20), 500, np.uint16), np.full((20, 20), 100, np.uint16)
@@ -81,7 +126,7 @@ def test_extra_variance_widens_the_covariance_of_corners(geometry: Geometry) -> 
     scenario, mode = geometry.scenario, MODES["single"]
     truth, lit = glare.Truth(scenario), geometry.lit(mode)
     seconds = pulse_s(scenario, mode, truth.bits(lit.led)[0], truth.bits(lit.sun)[0])
-    shown = take(scenario.sensor, mode, lit, seconds, geometry.motion_px, np.random.default_rng(1))
+    shown = take(scenario, mode, lit, seconds, geometry.motion_px, np.random.default_rng(1))
     noise = shown.noise
     noisier = NoiseModel(
         noise.gain_dn_per_electron, noise.read_noise_dn, noise.offset_dn, noise.saturation_dn,
@@ -131,8 +176,8 @@ def test_pulse_counts_sunlight_only_where_the_shutter_closes_with_it() -> None:
 
 
 def test_filters_of_the_modes_are_presets() -> None:
-    assert through(Scenario(), MODES["narrow"]).filter.high_nm == 862.5
-    assert through(Scenario(), MODES["single"]).filter == Scenario().filter
+    assert through(Scenario(), MODES["narrow"].filter).filter.high_nm == 862.5
+    assert through(Scenario(), MODES["single"].filter).filter == Scenario().filter
 
 
 def test_registration_removes_what_motion_leaves(geometry: Geometry) -> None:
@@ -141,7 +186,7 @@ def test_registration_removes_what_motion_leaves(geometry: Geometry) -> None:
     left = []
     for name in ("pair", "pair_raw"):
         dark = type(lit)(0 * lit.led, lit.sun, lit.moved_sun)
-        shown = take(sensor, MODES[name], dark, scale, geometry.motion_px, np.random.default_rng(3))
+        shown = take(geometry.scenario, MODES[name], dark, scale, geometry.motion_px, np.random.default_rng(3))
         left.append(float(np.std(shown.image[8:-8, 8:-8])))
     assert left[0] < 0.7 * left[1]
 

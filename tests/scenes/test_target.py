@@ -10,7 +10,7 @@ from pydantic import ValidationError
 from scipy.stats import kurtosis, norm
 
 from scenes.marker import MarkerDesign
-from scenes.target import Target, face_mesh, facet_slopes
+from scenes.target import Target, edge_mesh, face_mesh, facet_slopes, surroundings
 
 MARKER = MarkerDesign()
 
@@ -89,3 +89,25 @@ def test_a_target_that_cannot_be_is_refused(field: str, value: float) -> None:
 def test_facets_too_fine_to_mesh_are_refused() -> None:
     with pytest.raises(ValidationError, match=r"facet_m: 0\.0001 m is 10000 facets"):
         Target(face_m=1.0, facet_m=1e-4)
+
+
+@settings(deadline=None, derandomize=True)
+@given(st.floats(1e-3, 0.1))
+def test_bars_stand_beside_the_marker_and_face_outwards(radius_m: float) -> None:
+    target = Target(edge_radius_m=radius_m)
+    vertices, faces = edge_mesh(target, MARKER)
+    assert np.abs(vertices[:, :2]).max(axis=1).min() >= MARKER.size_m / 2 + radius_m - 1e-12
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    normal, height = np.cross(b - a, c - a), (a + b + c)[:, 2] / 3 + MARKER.thickness_m
+    assert normal[:, 2].min() > 0
+    assert height.max() == pytest.approx(radius_m, rel=1e-3)
+    area = np.linalg.norm(normal, axis=1).sum() / 2
+    length = 2 * (MARKER.size_m / 2 + 3 * radius_m)
+    assert area == pytest.approx(4 * np.pi * radius_m * length, rel=1e-3)
+
+
+def test_bars_are_there_only_where_asked_for() -> None:
+    assert set(surroundings(Target(), MARKER)) == {"face"}
+    bars = Target(edge_radius_m=0.005)
+    assert surroundings(bars, MARKER)["edge"][1] == bars.edge_material in bars.materials
+    assert Target().edge_material not in Target().materials
