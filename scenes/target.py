@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from radiometry.geometry import FloatArray
-from scenes.marker import MarkerDesign, Mesh
+from scenes.marker import MarkerDesign, Mesh, Offset
 
 #: Facets along a side of the face that the renderer is asked to mesh: two million triangles.
 MAX_FACETS = 1000
@@ -24,6 +24,9 @@ class Target(BaseModel):
 
     face_m: Annotated[float, Field(gt=0, le=50, allow_inf_nan=False)] = Field(
         1.0, description="side of the square face [m]"
+    )
+    face_centre_m: tuple[Offset, Offset] = Field(
+        (0.0, 0.0), description="centre of the face in the marker's frame, to the right and up [m]"
     )
     face_material: str = Field("mli_foil", description="material of the face, a name of the library")
     tape_material: str = Field("tape_type_xi", description="material of the marker's reflective parts")
@@ -95,6 +98,7 @@ def face_mesh(target: Target, marker: MarkerDesign) -> Mesh:
     vertices = np.stack([x, y, height], axis=-1).reshape(-1, 3)
     sigma = np.tan(np.radians(target.facet_slope_deg)) / np.sqrt(np.mean(facet_slopes(vertices, faces) ** 2))
     vertices[:, 2] = -marker.thickness_m + sigma * (vertices[:, 2] - 3)
+    vertices[:, :2] += target.face_centre_m
     return vertices, faces
 
 

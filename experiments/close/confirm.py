@@ -27,10 +27,10 @@ _JUDGED = {
 
 
 def confirm(
-    chosen: tuple[Point, ...], constraints: Constraints, base: Scenario, progress: Progress | None = None,
+    chosen: tuple[tuple[Point, Scenario], ...], constraints: Constraints, progress: Progress | None = None,
     workers: int | None = None,
 ) -> list[dict[str, Any]]:  # fmt: skip
-    """Render, expose and detect every set at every view, range and light; the exposure follows the light.
+    """Render, expose and detect every set of its scenario at every view, range and light; the exposure follows the light.
 
     Returns:
         One record a case: what was set, what was measured, whether it `closes` and what `fails`.
@@ -38,13 +38,13 @@ def confirm(
     store = TransportCache(default_folder())
     cases: list[tuple[dict[str, Any], Future[list[Trials]], dict[str, list[float]]]] = []
     steps = [
-        (point, view, range_m)
-        for point in chosen
+        (point, base, view, range_m)
+        for point, base in chosen
         for view in constraints.confirm.views
         for range_m in view.ranges_m or constraints.ranges_m
     ]
     with pool(trials.draw, workers) as submit:
-        for done, (point, view, range_m) in enumerate(steps, 1):
+        for done, (point, base, view, range_m) in enumerate(steps, 1):
             here = _case_scenario(
                 point.scenario(base, constraints, constraints.end_of_life), view, range_m, constraints
             )
@@ -61,7 +61,9 @@ def confirm(
                 cases.append((record, submit(lit, rate, light, [seconds]), known))
             if progress:
                 progress(done, len(steps), f"rendered {range_m:g} m")
-        return [_judged(record, future.result()[0], known, base, constraints) for record, future, known in cases]
+        return [
+            _judged(record, future.result()[0], known, chosen[0][1], constraints) for record, future, known in cases
+        ]
 
 
 def _case_scenario(scenario: Scenario, view: ConfirmView, range_m: float, constraints: Constraints) -> Scenario:

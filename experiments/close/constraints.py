@@ -103,7 +103,9 @@ class Constraints(_Model):
     marker_sizes_m: Annotated[tuple[Positive, ...], Field(min_length=1)]
     focal_lengths_m: Steps
     f_numbers: Annotated[tuple[Positive, ...], Field(min_length=1)]
-    filter_alternatives: tuple[str, ...] = Field((), description="presets whose probability of closure is given, too")
+    sensors: tuple[str, ...] = Field((), description="presets tried beside the scenario's sensor")
+    filters: tuple[str, ...] = Field((), description="presets tried beside the scenario's filter")
+    ring_radii_m: tuple[Positive, ...] = Field((), description="radii tried beside that of the scenario's ring [m]")
     led_counts: Annotated[tuple[Annotated[int, Field(ge=1)], ...], Field(min_length=1)]
     marker_over_face_max: Share = Field(description="marker's side over the face's (SYS-REQ-6)")
     aperture_max_m: Positive = Field(description="largest entrance pupil [m]")
@@ -123,9 +125,10 @@ class Constraints(_Model):
             values = getattr(self, name)
             if list(values) != sorted(set(values)):
                 raise ValueError(f"{name}: must increase, none twice")
-        unknown = [f for f in self.filter_alternatives if f not in presets("filter")]
-        if unknown:
-            raise ValueError(f"filter_alternatives: {unknown[0]!r}; expected some of {', '.join(presets('filter'))}")
+        for name, section in (("sensors", "sensor"), ("filters", "filter")):
+            unknown = [f for f in getattr(self, name) if f not in presets(section)]
+            if unknown:
+                raise ValueError(f"{name}: {unknown[0]!r}; expected some of {', '.join(presets(section))}")
         for tape in self.tapes:
             try:
                 library.load(tape)

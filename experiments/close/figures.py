@@ -159,10 +159,12 @@ def _bar_label(bar: Bar) -> str:
 
 
 def probability_figure(study: Study) -> Figure:
-    """Share of drawn worlds that close at each range, for every variant, following and frozen."""
+    """Share of drawn worlds that close at each range, following and frozen: the recommended set, and the best hardware's."""
     figure, grid = new_figure(size_in=_SIZE_IN)
     axes: Axes = grid[0, 0]
-    for i, p in enumerate(study.probabilities):
+    best = study.best.name if study.best else ""
+    own = [p for p in study.probabilities if p.label not in {a.name for a in study.alternatives}]
+    for i, p in enumerate([*own, *(p for p in study.probabilities if p.label == best)]):
         for shares, dash, how in (
             (p.by_range[0], "-", "exposure follows"),
             (p.by_range[1], ":", "ladder as it stands"),

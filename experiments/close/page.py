@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from importlib.resources import files
 from textwrap import fill
 from typing import Any
@@ -119,6 +119,21 @@ def _worst(p: Probability) -> str:
     return listed([f"{name} ({100 * share:.1f} %)" for share, name in failing]) if failing else "nothing"
 
 
+def alternative_rows(study: Study) -> Rows:
+    """The search around other hardware: the scenario's own, one thing changed, and the best of each kind together."""
+    rows: Rows = [("hardware", "sets that close", "recommended", "mean", "margin of light", "smallest margin, binds")]
+    for a in study.alternatives:
+        name = f"{a.name} (best)" if a is study.best else a.name
+        count = f"{len(a.found.closing):,} of {a.found.tried:,}"
+        if a.lead is None:
+            rows.append((name, count, "–", "–", "–", "–"))
+            continue
+        lead = replace(a.lead, hardware="")
+        binds = f"{lead.margin:.3f}, {lead.binding[0]} at {lead.binding[1]:g} m"
+        rows.append((name, count, lead.label, f"{number(1e3 * lead.power_w)} mW", number(a.light_margin), binds))
+    return rows
+
+
 def hardware_rows(study: Study) -> Rows:
     """The thesis's hardware as flown and with one change at a time."""
     rows: Rows = [("hardware", "change", "closes at", "fails, by the factor missed", "allowed")]
@@ -176,7 +191,8 @@ def _facts(study: Study, confirmed: list[Confirmed]) -> dict[str, Any]:
     assert lead is not None
     fixed, own = study.hardware[:2]
     return {
-        **_ladder_facts(study), **_sensitivity_facts(study), "lead": lead, "base": base, "closing": len(study.found.closing),
+        **_ladder_facts(study), **_sensitivity_facts(study), **_alternative_facts(study),
+        "lead": lead, "base": base, "closing": len(study.found.closing),
         "tried": f"{study.found.tried:,}", "front": len(study.found.front), "tapes": listed(_by_tape(study)),
         "frame_rate": limits.frame_rate_hz(base), "seen": next((c for c in confirmed if c.label == lead.label), None),
         "near_m": limits.ranges_m[0], "far_m": limits.ranges_m[-1], "px_per_bit_min": base.requirement.px_per_bit_min,
@@ -189,9 +205,22 @@ def _facts(study: Study, confirmed: list[Confirmed]) -> dict[str, Any]:
         "unconfirmed": [c for c in confirmed if not c.confirmed],
         "views": listed([_view(v, limits.ranges_m) for v in limits.confirm.views]),
         "glint_limit": limits.glint_over_well_max, "blur_limit": limits.blur_bits_max,
-        "ring_cm": 100 * base.leds.ring_radius_m, "phase_difference": PHASE_DIFFERENCE,
+        "phase_difference": PHASE_DIFFERENCE,
         "fine_difference": FINE_DIFFERENCE,
     }  # fmt: skip
+
+
+def _alternative_facts(study: Study) -> dict[str, Any]:
+    own, best = study.alternatives[0], study.best
+    assert best is not None
+    none = [a.name for a in study.alternatives[1:] if a.lead is None]
+    roomiest = max(study.alternatives, key=lambda a: len(a.found.closing) / a.found.tried if a.found.tried else 0.0)
+    return {
+        "own_light": own.light_margin,
+        "best_hardware": best,
+        "roomiest": roomiest,
+        "without": f"None closes with {listed(none)}" if none else "Each of them has sets that close",
+    }
 
 
 def _view(view: ConfirmView, ranges_m: tuple[float, ...]) -> str:
@@ -254,6 +283,10 @@ def as_json(study: Study, confirmed: list[Confirmed]) -> dict[str, Any]:
     return {
         "headline": headline(study, confirmed), "tried": study.found.tried, "closing": len(study.found.closing),
         "proposed": [asdict(p) for p in study.proposed], "front": [asdict(p) for p in study.found.front],
+        "alternatives": [
+            {"name": a.name, "closing": len(a.found.closing), "tried": a.found.tried, "lead": asdict(a.lead) if a.lead else None}
+            for a in study.alternatives
+        ],
         "by_tape": {tape: asdict(p) if p else None for tape, p in study.by_tape.items()},
         "ladder": [asdict(r) for r in study.rungs], "tornado": asdict(study.tornado) if study.tornado else None,
         "probabilities": [asdict(p) for p in study.probabilities], "hardware": [asdict(c) for c in study.hardware],
@@ -267,7 +300,7 @@ def page(study: Study, confirmed: list[Confirmed]) -> str:
     tables = {
         "proposed": proposed_rows(study, confirmed), "criteria": criteria_rows(study), "ladder": ladder_rows(study, shown),
         "probability": probability_rows(study), "hardware": hardware_rows(study),
-        "confirmation": confirmation_rows(confirmed),
+        "confirmation": confirmation_rows(confirmed), "alternatives": alternative_rows(study),
     }  # fmt: skip
     text = (
         _environment()

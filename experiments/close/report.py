@@ -17,7 +17,7 @@ from experiments.close.study import Study
 from experiments.figures import save_svg
 from experiments.files import write_text
 from experiments.report import Block, Card, Cell, Figures, Report, Section, Table, Text, csv_text, figure, render
-from experiments.report_sections import assumptions, reproduction
+from experiments.report_sections import assumptions, footer, reproduction
 from experiments.wording import number, percent
 
 #: Columns of a confirmation's records that hold text; all others are numbers.
@@ -85,16 +85,11 @@ def report(study: Study, records: list[dict[str, Any]], command: str = "mantis c
     history = f"{datetime.now(UTC):%Y-%m-%dT%H:%MZ} mantis close"
     attributes = {**chain.provenance(scenario), "history": history}
     passed = lead is not None and all(c.confirmed for c in confirmed if c.label == lead.label)
-    sections = tuple(_sections(study, records, confirmed))
-    sections += (
-        Section("assumptions", "Assumptions and definitions", tuple(assumptions(scenario)), wordy=True),
-        Section("reproduce", "Make it again", tuple(reproduction(scenario, attributes, command))),
-    )
-    footer = f"{attributes['software']} · scenario {attributes['scenario_hash']} · {history}"
     return render(
         Report(
             constraints.title, "Mantis closure search", close_page.headline(study, confirmed), passed,
-            tuple(_cards(study, confirmed)), tuple(_advice(study, confirmed)), sections, footer,
+            tuple(_cards(study, confirmed)), tuple(_advice(study, confirmed)), tuple(_sections(study, records, confirmed)),
+            tuple(assumptions(scenario)), tuple(reproduction(scenario, attributes, command)), footer(attributes),
         )
     )  # fmt: skip
 
@@ -179,6 +174,9 @@ def _sections(study: Study, records: list[dict[str, Any]], confirmed: list[Confi
         "probability", "Probability of closure",
         (text("chance"), _table(close_page.probability_rows(study)), picture("probability")), wordy=True,
     )  # fmt: skip
+    yield Section(
+        "alternatives", "Other hardware", (text("alternatives"), _table(close_page.alternative_rows(study))), wordy=True
+    )
     yield Section(
         "hardware", "The thesis's own hardware", (text("hardware"), _table(close_page.hardware_rows(study))), wordy=True
     )

@@ -149,6 +149,7 @@ class Point:
         binding: the criterion with the smallest margin, and its range [m].
         power_w, energy_j: mean electrical power and energy of the pulse where it is largest.
         peak_power_w: electrical power while the LEDs are on.
+        hardware: what differs from the scenario's hardware, in words; empty for nothing.
     """
 
     tape: str
@@ -162,6 +163,7 @@ class Point:
     energy_j: float
     power_w: float
     peak_power_w: float
+    hardware: str = ""
 
     @property
     def margin(self) -> float:
@@ -183,7 +185,8 @@ class Point:
     def label(self) -> str:
         """'10 cm, 42.5 mm F/5, 50 LEDs'."""
         lens = f"{1e3 * self.focal_length_m:.4g} mm F/{self.f_number:.3g}"
-        return f"{100 * self.size_m:g} cm, {lens}, {self.led_count} LED{'s' if self.led_count > 1 else ''}"
+        leds = f"{self.led_count} LED{'s' if self.led_count > 1 else ''}"
+        return ", ".join(part for part in (f"{100 * self.size_m:g} cm", lens, leds, self.hardware) if part)
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,10 @@ from itertools import product
 
 import numpy as np
 
+from experiments.close.alternatives import Alternative, alternatives, best
 from experiments.close.constraints import Constraints
 from experiments.close.form import ClosedForm, Sets, closed_form
-from experiments.close.search import Found, Ladder, Point, fly, margins, points, search, sets_of
+from experiments.close.search import Found, Ladder, Point, fly, margins, points, sets_of
 from experiments.close.sensitivity import Probability, Tornado, probability, tornado
 from experiments.scenario import Scenario
 
@@ -77,7 +78,9 @@ class Study:
         proposed: sets to confirm, the recommended one first.
         by_tape: the cheapest closing set of every tape; None where none closes.
         rungs: ladder of the recommended set.
-        probabilities: of the recommended set, as it is first.
+        alternatives: the search around other hardware, the scenario's own first.
+        best: of these the one with the largest margin that light decides.
+        probabilities: of the recommended set, as it is first, and of those of other hardware.
         hardware: the thesis's own hardware, as flown and changed.
         minimal: the smallest allowed change that closes every range.
     """
@@ -89,6 +92,8 @@ class Study:
     proposed: tuple[Point, ...]
     by_tape: dict[str, Point | None]
     rungs: tuple[Rung, ...]
+    alternatives: tuple[Alternative, ...]
+    best: Alternative | None
     tornado: Tornado | None
     probabilities: tuple[Probability, ...]
     hardware: tuple[Change, ...]
@@ -100,10 +105,14 @@ class Study:
         return self.proposed[0] if self.proposed else None
 
     @property
-    def to_confirm(self) -> tuple[Point, ...]:
-        """The proposed sets and the smallest change of the thesis's hardware."""
-        extra = [self.minimal.point] if self.minimal and self.minimal.point else []
-        return (*self.proposed, *(p for p in extra if p not in self.proposed))
+    def to_confirm(self) -> tuple[tuple[Point, Scenario], ...]:
+        """The proposed sets, that of the best hardware and the smallest change of the thesis's own, each with its scenario."""
+        chosen = {p.label: (p, self.base) for p in self.proposed}
+        if self.best and self.best.lead:
+            chosen.setdefault(self.best.lead.label, (self.best.lead, self.best.base))
+        if self.minimal and self.minimal.point:
+            chosen.setdefault(self.minimal.point.label, (self.minimal.point, self.base))
+        return tuple(chosen.values())
 
 
 def quick(constraints: Constraints) -> Constraints:
@@ -116,10 +125,11 @@ def quick(constraints: Constraints) -> Constraints:
 
 
 def study(constraints: Constraints, base: Scenario, draws: int = DRAWS) -> Study:
-    """Search, ladder, sensitivity, probability and the thesis's hardware, all in closed form."""
+    """Search, other hardware, ladder, sensitivity, probability and the thesis's hardware, all in closed form."""
     end = constraints.end_of_life
-    form = closed_form(base, constraints, end)
-    found = search(form, constraints)
+    others = alternatives(constraints, base)
+    own = others[0]
+    form, found = own.form, own.found
     proposed = found.proposed()
     by_tape = {
         tape: min((p for p in found.closing if p.tape == tape), key=lambda p: p.power_w, default=None)
@@ -127,29 +137,30 @@ def study(constraints: Constraints, base: Scenario, draws: int = DRAWS) -> Study
     }
     hardware, minimal = _hardware(constraints, base)
     if not proposed:
-        return Study(constraints, base, form, found, (), by_tape, (), None, (), hardware, minimal)
+        lead_less = best(others) if any(a.lead for a in others) else None
+        return Study(constraints, base, form, found, (), by_tape, (), others, lead_less, None, (), hardware, minimal)
     lead = proposed[0]
     states = {"worn" if end else "new": form, "new": closed_form(base, constraints, False, sizes_m=(lead.size_m,))}
     return Study(
-        constraints, base, form, found, proposed, by_tape, _rungs(states, lead, constraints),
-        tornado(form, lead, constraints), _probabilities(form, lead, constraints, base, draws), hardware, minimal,
+        constraints, base, form, found, proposed, by_tape, _rungs(states, lead, constraints), others, best(others),
+        tornado(form, lead, constraints), _probabilities(others, constraints, base.seed, draws), hardware, minimal,
     )  # fmt: skip
 
 
 def _probabilities(
-    form: ClosedForm, lead: Point, constraints: Constraints, base: Scenario, draws: int
+    others: tuple[Alternative, ...], constraints: Constraints, seed: int, draws: int
 ) -> tuple[Probability, ...]:
-    """Of the recommended set, with the fewest LEDs that close, and behind another filter."""
-    most = lead.led_count
-    variants = [(f"{n} LEDs", form, n) for n in dict.fromkeys((most, lead.fewest_leds))]
-    for name in constraints.filter_alternatives:
-        behind = Scenario.model_validate({**base.model_dump(), "filter": {"preset": name}})
-        other = closed_form(behind, constraints, constraints.end_of_life, (lead.tape,), (lead.size_m,))
-        variants.append((f"{most} LEDs, filter {name}", other, most))
+    """Of the recommended set, of it with the fewest LEDs that close, and of that of each other hardware."""
+    own, lead = others[0], others[0].lead
+    assert lead is not None
+    variants = [
+        (f"{n} LEDs", own.form, replace(lead, led_count=n)) for n in dict.fromkeys((lead.led_count, lead.fewest_leds))
+    ]
+    variants += [(a.name, a.form, a.lead) for a in others[1:] if a.lead]
     return tuple(
         # The same worlds for each: what differs is the hardware alone.
-        probability(f, replace(lead, led_count=n), constraints, draws, np.random.default_rng((base.seed, draws)), label)
-        for label, f, n in variants
+        probability(form, point, constraints, draws, np.random.default_rng((seed, draws)), label)
+        for label, form, point in variants
     )
 
 

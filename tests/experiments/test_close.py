@@ -259,7 +259,7 @@ def test_confirmation_renders_what_closes_and_what_does_not(study: close.Study) 
     confirm = study.constraints.confirm.model_copy(update={"views": (view,), "trials": 2})
     constraints = study.constraints.model_copy(update={"confirm": confirm})
     short = replace(study.lead, focal_length_m=0.02)
-    records = close_confirm.confirm((study.lead, short), constraints, study.base, workers=1)
+    records = close_confirm.confirm(((study.lead, study.base), (short, study.base)), constraints, workers=1)
     good, bad = close_confirm.summarise(records)
     assert [r["light"] for r in records] == ["eclipse", "sun"] * 2
     assert good.confirmed
@@ -290,7 +290,7 @@ def test_committed_page_says_what_the_closed_form_gives(study: close.Study) -> N
     figures = re.findall(r"\]\((figures/\S+\.svg)\)", committed)
     assert len(figures) == 6
     assert all((DOCS / name).is_file() for name in figures)
-    assert {r["set"] for r in records} == {p.label for p in study.to_confirm}
+    assert {r["set"] for r in records} == {p.label for p, _ in study.to_confirm}
 
 
 def test_verb_writes_report_page_and_tables(
@@ -330,7 +330,8 @@ def test_a_search_that_finds_nothing_says_so(mantis: Any, tmp_path: Path) -> Non
         ("close.tapes=['gold']", "tapes: material 'gold' is unknown"),
         ("close.ranges_m=[2, 1]", "ranges_m: must increase"),
         ("close.blur_bit_max=1", "unknown key; did you mean 'blur_bits_max'"),
-        ("close.filter_alternatives=['red']", "filter_alternatives: 'red'"),
+        ("close.filters=['red']", "filters: 'red'"),
+        ("close.sensors=['eye']", "sensors: 'eye'"),
         ("leds.count=0", "leds.count: 0"),
     ],
 )

@@ -14,6 +14,7 @@ from detector.noise import NoiseModel
 from detector.sensor import Sensor, expose
 from experiments import chain
 from experiments.glare import case as glare_case
+from experiments.glare import conditions
 from experiments.glare import report as glare_report
 from experiments.glare import study as glare
 from experiments.glare.fusion import difference, fused, shifted
@@ -237,16 +238,20 @@ def test_report_is_written_with_its_figures(small_run: xr.Dataset, small: Scenar
     result = glare_report.GlareResult(
         scenario, PLAN, small_run.assign_attrs(history="now"), summarise(small_run, scenario),
         glare.false_positives(small, PLAN, ("pair",)), glare_case.run(scenario, PLAN.stands, 1, 1 / 30, (1.0, 1e-4)),
+        conditions.run(scenario, PLAN.stands, 1, 1 / 30, (20.0,), 30_000),
         worst_frames(small_run, scenario, PLAN),
     )  # fmt: skip
     glare_report.write(result, tmp_path, "mantis glare")
     written = {str(p.relative_to(tmp_path)) for p in tmp_path.rglob("*") if p.is_file()}
-    assert written == {"glare.nc", "glare.md", "glare.html", "data/glare.csv"} | {
+    assert written == {"glare.nc", "glare.md", "report.html", "data/glare.csv"} | {
         f"figures/{name}.svg" for name in glare_report.CAPTIONS
     }
-    page = (tmp_path / "glare.html").read_text()
+    page = (tmp_path / "report.html").read_text()
     assert "src=" not in page
     assert int(result.whole.found.sum()) == 0
+    table = conditions.rows(result.conditions, scenario)
+    assert len(table) == len(conditions.CONDITIONS) * len(conditions.MODES)
+    assert all(row[3] == "100" and row[-1] == "none" for row in table)  # at 20° nothing of this disturbs a pose
     lost = result.worst[PLAN.modes.index("long")]
     assert lost.failed
     assert "not found" in lost.lines[0]
