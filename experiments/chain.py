@@ -8,7 +8,9 @@ from __future__ import annotations
 import hashlib
 import json
 import platform
-from dataclasses import dataclass
+from collections import deque
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from typing import Any
 
@@ -29,7 +31,10 @@ from radiometry.earth import earth_transport
 from radiometry.geometry import FloatArray, rotation_angle
 from radiometry.optics import camera_at, electron_responsivity, node_weights, wavelength_nodes
 from radiometry.spectrum import Spectrum
-from scenes.transport import AFTER_TRANSPORT, Quality, TransportBasis, View, render_basis
+from scenes import density
+from scenes.cache import TransportCache
+from scenes.regions import frame_box, marker_box, marker_pixels
+from scenes.transport import AFTER_TRANSPORT, Quality, TransportBasis, View, render_cases
 
 #: Which lights shine in each illumination.
 LIGHTS_ON = {"eclipse": ("led",), "sun": ("led", "sun")}
@@ -50,15 +55,41 @@ def view(scenario: Scenario) -> View:
 
 
 def quality(scenario: Scenario) -> Quality:
-    """How densely the scenario's transport is sampled."""
-    return Quality(scenario.render.frame_samples, scenario.render.marker_rays, scenario.seed)
+    """How densely the scenario's transport is sampled: for every exposure, up to the full well, of most sensors.
+
+    All exposures and sensors share a transport, so it is made for the most charge that a pixel can hold; wells that differ by
+    less than a factor of two, and all small ones, share one, too.
+    """
+    least = Quality.electrons
+    well = least * 2.0 ** np.ceil(np.log2(max(usable_well(scenario.sensor) / least, 1.0)))
+    return Quality(scenario.render.frame_samples, scenario.render.marker_rays, scenario.seed, float(well))
 
 
 def transport(scenario: Scenario) -> TransportBasis:
     """Render the transport basis of the scenario's geometry, with provenance in its attributes."""
-    basis = render_basis(view(scenario), quality(scenario))
-    basis.attributes.update(provenance(scenario), range_m=scenario.range_m, geometry_hash=geometry_digest(scenario))
-    return basis
+    return next(transports([scenario]))
+
+
+def transports(scenarios: Iterable[Scenario], cache: TransportCache | None = None) -> Iterator[TransportBasis]:
+    """The transport bases of many scenarios' geometries, in order, with provenance in their attributes.
+
+    Those in a row that differ only in pose, lights and camera are rendered together, whatever their number: scenarios are taken
+    as they are needed. Each basis is the same as if it had been rendered alone.
+
+    Args:
+        cache: where bases are looked for first and kept; default none.
+    """
+    taken: deque[Scenario] = deque()
+
+    def cases() -> Iterator[tuple[View, Quality]]:
+        for scenario in scenarios:
+            taken.append(scenario)
+            yield view(scenario), quality(scenario)
+
+    for basis in cache.bases(cases()) if cache is not None else render_cases(cases()):
+        scenario = taken.popleft()
+        own = provenance(scenario) | {"range_m": scenario.range_m, "geometry_hash": geometry_digest(scenario)}
+        yield replace(basis, attributes=basis.attributes | own)
 
 
 def geometry_digest(scenario: Scenario) -> str:
@@ -159,6 +190,38 @@ def electron_rate(scenario: Scenario, basis: TransportBasis, light: str) -> Floa
     return rate + sun_stray_rate(scenario) if light == "sun" and camera.point_source_transmittance else rate
 
 
+def renderer_variance_fraction(
+    scenario: Scenario, basis: TransportBasis, light: str, seconds: float, rate: FloatArray | None = None
+) -> float:
+    """Largest share of the renderer's variance in shot noise's, over the ArUco's and the elements' pixels, in an exposure.
+
+    A pixel that would overflow counts in the exposure that just fills it. The renderer's variance is that of two independent
+    halves of the rays, averaged over 5 × 5 pixels (`scenes.density.fractions`). NaN where the basis does not tell it, or no such
+    pixel is in the frame.
+
+    Args:
+        rate: `electron_rate` of the same, where it is known.
+    """
+    if any(source not in basis.noise for source in lights_on(scenario, light)):
+        return float("nan")
+    scene_view = view(scenario)
+    frame = frame_box(scene_view)
+    box = marker_box(scene_view).within(frame)
+    seen, part = marker_pixels(scene_view, box), box.slices(frame)
+    pixels = seen.aruco | seen.opening
+    if not pixels.any():
+        return float("nan")
+    strength, response = strengths(scenario), responsivity(scenario)
+    falloff = scenario.camera.relative_illumination()[part] * seconds
+    draw = np.zeros(pixels.shape)
+    for source in lights_on(scenario, light):
+        # The noise is a mean over the wavelengths; reflectances vary little over a passband.
+        draw += basis.noise[source][part] * float(np.sum(node_weights(strength[source] * response, basis.nodes_nm)))
+    electrons = (electron_rate(scenario, basis, light) if rate is None else rate)[part] * seconds
+    fill = np.minimum(1.0, usable_well(scenario.sensor) / np.maximum(electrons, 1e-12))
+    return float(density.fractions(draw * falloff * fill, electrons * fill, pixels)[pixels].max())
+
+
 def sun_stray_rate(scenario: Scenario) -> float:
     """Electrons per second that a Sun outside the field adds to every pixel; its angle from the axis is π − phase."""
     angle = np.pi - np.radians(scenario.sun.phase_deg)
@@ -212,6 +275,11 @@ class LinkBudget:
             "full_well_fraction": (signal + dark) / usable_well(self.sensor),
             "smear_px": self.smear_px_per_s * exposure_s,
         }
+
+    def _repr_html_(self) -> str:
+        from experiments.notebook import budget_html
+
+        return budget_html(self)
 
 
 def usable_well(sensor: Sensor) -> float:
@@ -368,6 +436,11 @@ class Sighting:
 
     features: Features
     pose: Pose | None
+
+    def _repr_html_(self) -> str:
+        from experiments.notebook import sighting_html
+
+        return sighting_html(self)
 
 
 def look(scenario: Scenario, image: NDArray[Any]) -> Sighting:

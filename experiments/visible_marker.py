@@ -12,6 +12,9 @@ from scenes.marker import Element, MarkerDesign
 from scenes.target import face_mesh
 from scenes.transport import View
 
+#: Sine of the Sun's height below which it gives the face nothing, while the marker's shadow is endless.
+_GRAZING = 1e-6
+
 
 def visible_tape(view: View) -> tuple[FloatArray, FloatArray]:
     """Quadrilaterals of the image (m, 4, 2) [px] in which the camera sees tape, and the share of each that is tape (m,).
@@ -42,7 +45,7 @@ def hidden_face(view: View) -> dict[str, FloatArray]:
     box = np.concatenate([np.column_stack([square, np.full(4, z)]) for z in (0.0, back)])
     result = {"led": _hull(view.to_image(box)), "sun": _hull(view.to_image(box))}
     to_sun = view.sun_in_marker
-    if to_sun[2] > 0:
+    if to_sun[2] > _GRAZING:
         depth = face_mesh(view.target, view.marker)[0][:, 2].mean()
         shadow = box - ((box[:, 2] - depth) / to_sun[2])[:, None] * to_sun
         result["sun"] = _hull(view.to_image(np.concatenate([box, shadow])))

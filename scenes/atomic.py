@@ -24,5 +24,12 @@ def atomic_write(path: Path | str) -> Iterator[Path]:
     try:
         yield temporary
         os.replace(temporary, path)
+    except OSError as error:
+        if error.filename in (
+            None,
+            str(temporary),
+        ):  # writing, unlike opening, does not say what; the name would mean nothing
+            error.filename = str(path)
+        raise
     finally:
         temporary.unlink(missing_ok=True)

@@ -10,22 +10,39 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.metadata import version
 from importlib.resources import files
+from itertools import islice
 from pathlib import Path
 
 from materials import library
+from scenes.batch import render_cases
 from scenes.exr import read_basis, write_basis
-from scenes.transport import AFTER_TRANSPORT, Quality, TransportBasis, View, render_basis
+from scenes.view import AFTER_TRANSPORT, Quality, TransportBasis, View
 
 DEFAULT_LIMIT_BYTES = 4 * 2**30
+#: Views looked up and rendered at a time: enough to fill the renderer, few enough to be held in memory.
+_TOGETHER = 16
 
 #: Source files whose change makes every cached basis stale.
 _CODE = {
-    "scenes": ("transport.py", "earth.py", "stock.py", "marker.py", "target.py"),
+    "scenes": (
+        "batch.py",
+        "density.py",
+        "earth.py",
+        "image.py",
+        "lattice.py",
+        "marker.py",
+        "regions.py",
+        "stock.py",
+        "target.py",
+        "tracer.py",
+        "view.py",
+    ),
     "materials": ("brdf.py", "datafile.py", "library.py", "plugins.py"),
     "radiometry": ("geometry.py", "distortion.py", "optics.py", "sources.py"),
 }
@@ -88,14 +105,25 @@ class TransportCache:
 
     def basis(self, view: View, quality: Quality) -> TransportBasis:
         """The basis of a view: from the cache where it is whole, else rendered and kept."""
+        return next(self.bases([(view, quality)]))
+
+    def bases(self, cases: Iterable[tuple[View, Quality]]) -> Iterator[TransportBasis]:
+        """Bases of many views, in order: those in the cache as `basis`, all others rendered together, `_TOGETHER` at a time."""
         from scenes.llvm import select_variant
 
-        path = self.folder / f"{key(view, quality, select_variant())}.exr"
-        found = self._read(path)
-        if found is not None:
-            self.reused += 1
-            return found
-        basis = render_basis(view, quality)
+        variant, rest = select_variant(), iter(cases)
+        while group := list(islice(rest, _TOGETHER)):
+            paths = [self.folder / f"{key(*case, variant)}.exr" for case in group]
+            found = [self._read(path) for path in paths]
+            rendered = render_cases(case for case, basis in zip(group, found, strict=True) if basis is None)
+            for path, basis in zip(paths, found, strict=True):
+                if basis is None:
+                    yield self._kept(next(rendered), path)
+                else:
+                    self.reused += 1
+                    yield basis
+
+    def _kept(self, basis: TransportBasis, path: Path) -> TransportBasis:
         self.rendered += 1
         kept = replace(basis, attributes={**basis.attributes, "checksum": checksum(basis)})
         with suppress(OSError):  # a full or read-only disk costs a later rendering, not this result
@@ -150,8 +178,9 @@ class TransportCache:
 
 
 def checksum(basis: TransportBasis) -> str:
-    """SHA-256 of the wavelengths and every layer's bytes."""
+    """SHA-256 of the wavelengths and the bytes of every layer and of its noise."""
     digest = hashlib.sha256(repr(basis.nodes_nm).encode())
-    for light in sorted(basis.layers):
-        digest.update(light.encode() + basis.layers[light].tobytes())
+    for images in (basis.layers, basis.noise):
+        for light in sorted(images):
+            digest.update(light.encode() + images[light].tobytes())
     return digest.hexdigest()

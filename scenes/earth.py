@@ -6,15 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from radiometry.geometry import FloatArray
+from scenes.world import Met
 
 #: Squared chord below which directions about the camera's are drawn evenly: that of 0.1°, where tables of tape begin.
 _CORE_CHORD2 = float(np.radians(0.1) ** 2)
 
 
-def earth_radiance(
-    scene: Any, ray: Any, hit: Any, to_earth: FloatArray, radius_rad: float, draws: list[Any], back_to_viewer: bool
-) -> Any:
+def earth_radiance(met: Met, ray: Any, to_earth: Any, radius_rad: Any, draws: list[Any], back_to_viewer: bool) -> Any:
     """Radiance that each ray finds, per unit radiance of the disc: of the surface it hits, or of the disc itself behind it.
 
     One direction a ray, evenly over the disc's solid angle. Where the disc stands about the camera a second one is drawn about
@@ -22,7 +20,8 @@ def earth_radiance(
     weighted by the sum of their densities (balance heuristic; Veach and Guibas, SIGGRAPH 1995).
 
     Args:
-        to_earth: (3,) unit vector to the centre of the disc, in the scene's frame.
+        to_earth: unit vector to the centre of the disc, in the scene's frame, a lane.
+        radius_rad: half the angle that the disc fills, a lane.
         draws: four numbers in 0 … 1 a ray.
         back_to_viewer: whether the second direction is drawn.
     """
@@ -32,12 +31,12 @@ def earth_radiance(
     def opaque(value: float) -> Any:
         return dr.opaque(mi.Float, float(value))
 
-    rim = opaque(np.cos(radius_rad))
-    solid_angle = opaque(2 * np.pi * (1 - np.cos(radius_rad)))
+    # 2 sin²(r/2) = 1 − cos r, without cancellation for a small disc.
+    cap = 2 * dr.square(dr.sin(radius_rad / 2))
+    rim, solid_angle = 1 - cap, 2 * np.pi * cap
     core, span = opaque(_CORE_CHORD2), opaque(np.log1p(4 / _CORE_CHORD2))
-    earth = mi.Frame3f(mi.Vector3f(*(opaque(v) for v in to_earth)))
+    earth = mi.Frame3f(to_earth)
     viewer = mi.Frame3f(-ray.d)
-    bsdf, context, valid = hit.bsdf(ray), mi.BSDFContext(), hit.is_valid()
 
     def about(frame: Any, chord2: Any, azimuth: Any) -> Any:
         sine = dr.sqrt(dr.maximum(chord2 * (1 - chord2 / 4), 0.0))
@@ -48,14 +47,11 @@ def earth_radiance(
         density = dr.rcp(solid_angle)
         if back_to_viewer:
             density += dr.rcp(np.pi * span * (dr.squared_norm(direction - viewer.n) + core))
-        value = bsdf.eval(context, hit, hit.to_local(direction), valid)
-        lit = valid & (dr.max(value) > 0) & (dr.dot(direction, earth.n) > rim)
-        lit &= ~scene.ray_test(hit.spawn_ray(direction), lit)
-        return dr.select(lit, value / density, 0.0)
+        return dr.select(dr.dot(direction, earth.n) > rim, met.reflected(direction) / density, 0.0)
 
     # Equal steps of squared chord are equal solid angles.
-    total = estimate(about(earth, 2 * (1 - rim) * draws[0], 2 * np.pi * draws[1]))
+    total = estimate(about(earth, 2 * cap * draws[0], 2 * np.pi * draws[1]))
     if back_to_viewer:
         chord2 = dr.minimum(core * (dr.exp(span * draws[2]) - 1), 4.0)
         total += estimate(about(viewer, chord2, 2 * np.pi * draws[3]))
-    return dr.select(~valid & (dr.dot(ray.d, earth.n) > rim), 1.0, total)
+    return dr.select(~met.valid & (dr.dot(ray.d, earth.n) > rim), 1.0, total)

@@ -1,6 +1,6 @@
 """Transport bases and electron images as OpenEXR files with named float32 layers and typed attributes.
 
-A layer is one channel, ``<light>.nm<wavelength>``, say ``led.nm0850``.
+A layer is one channel, ``<light>.nm<wavelength>``, say ``led.nm0850``; a draw of the renderer's error is ``<light>.noise``.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from scenes.atomic import atomic_write
 from scenes.transport import UNITS, TransportBasis
 
 _LAYER = re.compile(r"(led|sun|earth)\.nm(\d{4})\Z")
+_NOISE = ".noise"
 _PREFIX = "mantis_"
 
 
@@ -28,6 +29,7 @@ def write_basis(basis: TransportBasis, path: Path | str) -> None:
         for light, images in basis.layers.items()
         for k, node in enumerate(basis.nodes_nm)
     }
+    channels |= {light + _NOISE: np.ascontiguousarray(image) for light, image in basis.noise.items()}
     units = {f"unit_{light}": UNITS[light] for light in basis.layers}
     write_channels(channels, {**units, **basis.attributes}, path)
 
@@ -60,19 +62,27 @@ def read_basis(path: Path | str) -> TransportBasis:
             raise ValueError(f"{path}: layer {light} holds NaN, infinite or negative radiance [{UNITS[light]}]")
     for light in layers:
         attributes.pop(f"unit_{light}", None)
-    return TransportBasis(nodes, layers, attributes)
+    noise = {light: channels[light + _NOISE] for light in layers if light + _NOISE in channels}
+    return TransportBasis(nodes, layers, attributes, noise)
 
 
 def write_channels(
     channels: dict[str, NDArray[np.float32]], attributes: dict[str, str | float], path: Path | str
 ) -> None:
-    """Write float32 channels and attributes to a ZIP-compressed EXR, whole or not at all."""
+    """Write float32 channels and attributes to a ZIP-compressed EXR, whole or not at all.
+
+    Raises:
+        OSError: when it cannot be written.
+    """
     import OpenEXR
 
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     header.update({_PREFIX + key: value for key, value in attributes.items()})
     with atomic_write(path) as temporary, OpenEXR.File(header, channels) as file:
-        file.write(str(temporary))
+        try:
+            file.write(str(temporary))
+        except RuntimeError as error:  # all that the binding says of a full disk
+            raise OSError(f"{path}: cannot be written ({error})") from error
 
 
 @contextmanager

@@ -24,6 +24,7 @@ Mesh = tuple[FloatArray, NDArray[np.uint32]]
 ELEMENT_NAMES = ("top", "right", "bottom", "left")
 
 Fraction = Annotated[float, Field(gt=0, lt=1, allow_inf_nan=False)]
+Offset = Annotated[float, Field(allow_inf_nan=False)]
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,8 @@ class Element:
     """One encoding element in the marker frame [m].
 
     The blob moves along `along`; slats and virtual line run along `across`. The virtual line passes through
-    ``virtual_offset_m * along − virtual_depth_m * z``, parallel to `across`.
+    ``virtual_offset_m * along − virtual_depth_m * z``, parallel to `across`. All coordinates along the element count from
+    `centre_m`, which is square to `along`; the middle of the opening is at `shift_m`, zero where it stands as designed.
     """
 
     name: str
@@ -43,6 +45,7 @@ class Element:
     depth_m: float
     virtual_offset_m: float
     virtual_depth_m: float
+    shift_m: float = 0.0
 
     def blob_offset_m(self, camera_in_marker_m: FloatArray) -> FloatArray:
         """Coordinate of the blob along the element, measured from the marker's centre [m].
@@ -77,6 +80,10 @@ class MarkerDesign(BaseModel):
     virtual_offset_fraction: Annotated[float, Field(ge=0, lt=0.5)] = Field(
         0.25, description="virtual line off the element's centre, over element length"
     )
+    element_offsets_m: tuple[Offset, Offset, Offset, Offset] = Field(
+        (0.0, 0.0, 0.0, 0.0),
+        description="how far the top, right, bottom and left element stand off their places, to the right or up [m]",
+    )
 
     def model_post_init(self, _: object) -> None:
         if f"DICT_{self.dictionary}" not in dir(cv2.aruco):
@@ -97,6 +104,12 @@ class MarkerDesign(BaseModel):
         if self.element_depth_fraction >= self.virtual_depth_fraction:
             raise ValueError(
                 "element_depth_fraction must be smaller than virtual_depth_fraction: slats meet at the virtual line"
+            )
+        # Further out it would run into its neighbour.
+        room = (0.5 + self.gap_fraction - self.element_length_fraction / 2) * self.aruco_m
+        if any(abs(offset) > room for offset in self.element_offsets_m):
+            raise ValueError(
+                f"element_offsets_m: {list(self.element_offsets_m)}, expected at most {room:.3g} m either way [m]"
             )
 
     @property
@@ -150,10 +163,10 @@ class MarkerDesign(BaseModel):
         )
         top, right, bottom, left = (
             Element(
-                name, centre, along, across, self.element_length_m, width, self.element_depth_m, u0,
-                self.virtual_depth_fraction * self.element_length_m,
+                name, centre, along, across, self.element_length_m, width, self.element_depth_m, u0 + shift,
+                self.virtual_depth_fraction * self.element_length_m, shift,
             )
-            for name, (centre, along, across, u0) in zip(ELEMENT_NAMES, placed, strict=True)
+            for name, (centre, along, across, u0), shift in zip(ELEMENT_NAMES, placed, self.element_offsets_m, strict=True)
         )  # fmt: skip
         return top, right, bottom, left
 
@@ -187,16 +200,22 @@ class MarkerDesign(BaseModel):
         ring = a + self.ring_fraction * self.aruco_m
         near = a + self.gap_fraction * self.aruco_m
         far = near + self.element_width_fraction * self.aruco_m
-        end = self.element_length_m / 2
+        ends = [shift + s * self.element_length_m / 2 for shift in self.element_offsets_m for s in (-1, 1)]
         bit_edges = np.linspace(-a, a, len(self.bits) + 1)
         edges = np.unique(
-            np.round(np.concatenate([s * np.array([half, ring, near, far, end]) for s in (-1, 1)] + [bit_edges]), 12)
+            np.round(np.concatenate([s * np.array([half, ring, near, far]) for s in (-1, 1)] + [bit_edges, ends]), 12)
         )
+        # Openings as intervals (x0, x1, y0, y1).
+        openings = [
+            (ends[0], ends[1], near, far), (near, far, ends[2], ends[3]),
+            (ends[4], ends[5], -far, -near), (-far, -near, ends[6], ends[7]),
+        ]  # fmt: skip
         for x0, x1 in pairwise(edges):
             for y0, y1 in pairwise(edges):
-                x, y = abs(x0 + x1) / 2, abs(y0 + y1) / 2
-                if (near < y < far and x < end) or (near < x < far and y < end):
+                middle_x, middle_y = (x0 + x1) / 2, (y0 + y1) / 2
+                if any(left < middle_x < right and low < middle_y < high for left, right, low, high in openings):
                     continue
+                x, y = abs(middle_x), abs(middle_y)
                 material = "retro" if max(x, y) < ring else "absorber"
                 if max(x, y) < a:
                     column, row = int(((x0 + x1) / 2 + a) / self.bit_m), int((a - (y0 + y1) / 2) / self.bit_m)
@@ -234,23 +253,23 @@ class MarkerDesign(BaseModel):
         z, hv, t = np.array([0.0, 0.0, 1.0]), e.width_m / 2, e.depth_m
 
         def at(u: float, v: float, depth: float) -> FloatArray:
-            """Marker-frame point; u from the element's centre at the front plane, carried down towards the line."""
+            """Marker-frame point; u along the element at the front plane, carried down towards the line."""
             if depth > 0:
                 u = e.virtual_offset_m + (u - e.virtual_offset_m) * shrink
             return e.centre_m + u * e.along + v * e.across - depth * z
 
-        end = e.length_m / 2
-        floor = _quad([at(-end, -hv, t), at(end, -hv, t), at(end, hv, t), at(-end, hv, t)], z)
+        first, last = e.shift_m - e.length_m / 2, e.shift_m + e.length_m / 2
+        floor = _quad([at(first, -hv, t), at(last, -hv, t), at(last, hv, t), at(first, hv, t)], z)
         solid = []
         for side in (-1.0, 1.0):
-            wall = [at(-end, side * hv, 0), at(end, side * hv, 0), at(end, side * hv, t), at(-end, side * hv, t)]
+            wall = [at(first, side * hv, 0), at(last, side * hv, 0), at(last, side * hv, t), at(first, side * hv, t)]
             solid.append(_quad(wall, -side * e.across))
         pitch = e.length_m / self.slit_count
         for i in range(self.slit_count + 1):
-            centre = -end + i * pitch
+            centre = first + i * pitch
             low, high = (
-                max(centre - self.slat_fraction * pitch / 2, -end),
-                min(centre + self.slat_fraction * pitch / 2, end),
+                max(centre - self.slat_fraction * pitch / 2, first),
+                min(centre + self.slat_fraction * pitch / 2, last),
             )
             solid.append(_quad([at(low, -hv, 0), at(high, -hv, 0), at(high, hv, 0), at(low, hv, 0)], z))
             for u, outward in ((low, -1.0), (high, 1.0)):

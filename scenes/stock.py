@@ -7,17 +7,21 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Mapping
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr
 
 from materials import library
 from radiometry.geometry import normal_to
+from radiometry.optics import pixel_profile_integral
 from radiometry.spectrum import Spectrum
-from scenes.target import face_mesh
-from scenes.transport import MM_PER_M, Region, View
+from scenes.regions import Box, frame_box, marker_box
+from scenes.target import surroundings
+from scenes.view import MM_PER_M, Quality, Region, TransportBasis, View
 
 #: Resolution of the LED pattern's texture, and where the pattern is cut off: cos³¹ is 3e-7 there for the default LED.
 _PATTERN_PX, _PATTERN_EDGE_DEG = 512, 60.0
@@ -65,7 +69,7 @@ def stock_scene(
     target = view.target
     surfaces = {"retro": target.tape_material, "absorber": target.absorber_material}
     meshes = {name: (mesh, surfaces[name]) for name, mesh in view.marker.meshes().items()}
-    meshes["face"] = (face_mesh(target, view.marker), target.face_material)
+    meshes |= surroundings(target, view.marker)
     for name, ((vertices, faces), material) in meshes.items():
         path = mesh_folder / f"{name}.ply"
         _write_ply(path, vertices * MM_PER_M, faces)
@@ -80,6 +84,66 @@ def stock_scene(
         assert view.earth is not None
         scene["earth"] = _disc(view.earth_in_marker, np.tan(view.earth.angular_radius_rad), strengths["earth"], mi)
     return scene
+
+
+def render_stock_basis(view: View, quality: Quality) -> TransportBasis:
+    """The basis of a view by stock `path`: the whole frame coarsely, then the marker as densely as its rays allow."""
+    frame = frame_box(view)
+    layers = render_region(view, _region(frame, quality.frame_samples), quality.seed)
+    marker = marker_box(view).within(frame)
+    samples = int(np.clip(np.sqrt(quality.marker_rays / max(marker.width * marker.height, 1)), 1, 48))
+    if marker.width and marker.height and samples > quality.frame_samples:
+        patch = render_region(view, _region(marker, samples), quality.seed + 1)
+        for light, images in layers.items():
+            images[(slice(None), *marker.slices(frame))] = patch[light]
+    return TransportBasis(
+        view.nodes_nm, layers, {"marker_rays_per_pixel": float(max(samples, quality.frame_samples) ** 2)}
+    )
+
+
+def _region(box: Box, samples: int) -> Region:
+    return Region(box.x0, box.y0, box.width, box.height, samples)
+
+
+def render_region(view: View, region: Region, seed: int) -> dict[str, NDArray[np.float32]]:
+    """Basis images of a region by stock `path`, (nodes, height, width) by light."""
+    materials = [library.load(name) for name in view.target.materials]
+    # A change of albedo smaller than this over the band is not worth a rendering at each node.
+    flat = all(np.ptp(s(view.nodes_nm)) <= 0.002 for m in materials for s in (m.diffuse, m.gloss, m.retro))
+    pad = int(np.ceil(4 * view.camera.psf_sigma_px + 0.5))
+    result = {light: np.empty((len(view.nodes_nm), region.height, region.width), np.float32) for light in view.lights}
+    for light, images in result.items():
+        image = None
+        for k, node in enumerate(view.nodes_nm):
+            if image is None or not flat:
+                image = reduced(render_subpixels(view, region, pad, node, light, seed), view, region, pad)
+            images[k] = image
+    return result
+
+
+def reduced(subpixels: NDArray[np.float32], view: View, region: Region, pad: int) -> NDArray[np.float32]:
+    """Pixels (height, width) of a region from the square sub-pixels of `render_subpixels`."""
+    fx, fy = view.camera.focal_px
+    rows, columns = subpixels.shape
+    sigma, step = view.camera.psf_sigma_px, 1 / region.samples
+    across = _reduction(region.width, pad, columns, step, sigma)
+    return _reduction(region.height, pad, rows, step * fy / fx, sigma) @ (subpixels @ across.T)
+
+
+@lru_cache(maxsize=64)
+def _reduction(pixels: int, pad: int, count: int, step_px: float, psf_sigma_px: float) -> NDArray[np.float32]:
+    """Weights (pixels, count) of sub-pixels of a size in the point-spread ⊗ pixel kernel.
+
+    Light from anywhere in a sub-pixel of width h counts alike, which smooths the kernel K as the sub-pixel itself would; weights
+    of K − h²/24 K″ undo that to fourth order. They are twice the kernel at the middle less its mean over the sub-pixel.
+    """
+    edges = np.arange(count + 1) * step_px - pad - 0.5 - np.arange(pixels)[:, None]
+    matrix = np.diff(pixel_profile_integral(edges, psf_sigma_px), axis=1)
+    if step_px <= psf_sigma_px:  # else the kernel bends within a sub-pixel
+        middle = (edges[:, :-1] + edges[:, 1:]) / 2
+        kernel = ndtr((middle + 0.5) / psf_sigma_px) - ndtr((middle - 0.5) / psf_sigma_px)
+        matrix = 2 * kernel * step_px - matrix
+    return (matrix / matrix.sum(axis=1, keepdims=True)).astype(np.float32)
 
 
 def render_subpixels(

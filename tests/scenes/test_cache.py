@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
+
 import numpy as np
 import pytest
 
@@ -26,12 +28,16 @@ def fake_renderer(monkeypatch):
     """Counts renderings; the image depends on the range alone."""
     calls = []
 
-    def render(view: View, quality: Quality) -> TransportBasis:
-        calls.append(view.range_m)
-        image = np.full((4, 40, 48), view.range_m, np.float32)
-        return TransportBasis(view.nodes_nm, {"led": image, "sun": 2 * image}, {"marker_samples_per_pixel": 4.0})
+    def render(cases: Iterable[tuple[View, Quality]]) -> Iterator[TransportBasis]:
+        for view, _ in cases:
+            calls.append(view.range_m)
+            image = np.full((4, 40, 48), view.range_m, np.float32)
+            layers = {"led": image, "sun": 2 * image}
+            yield TransportBasis(
+                view.nodes_nm, layers, {"rays": 4.0}, {light: i[0] / 100 for light, i in layers.items()}
+            )
 
-    monkeypatch.setattr(cache, "render_basis", render)
+    monkeypatch.setattr(cache, "render_cases", render)
     monkeypatch.setattr("scenes.llvm.select_variant", lambda requested=None: "llvm_ad_spectral")
     return calls
 

@@ -14,11 +14,10 @@ from radiometry.geometry import FloatArray
 from radiometry.optics import Camera, node_weights
 from radiometry.sources import LedRing, Sun
 from radiometry.spectrum import Spectrum, constant
-from scenes import transport
 from scenes.export import export_scene
 from scenes.marker import MarkerDesign
 from scenes.target import Target
-from scenes.transport import LIGHTS, Region, View
+from scenes.transport import LIGHTS, Quality, View, render_basis
 
 VIEW = View(
     # Square pixels, so that the exported image covers the same field; a marker of 24 px on flat foil, so that the image is even
@@ -42,8 +41,7 @@ def exported(mi: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def composed(mi: ModuleType) -> dict[str, FloatArray]:
     """Mean radiance of the batched basis composed with the same spectra over the same band [W m⁻² sr⁻¹], by seed."""
-    scene = transport._scene(VIEW.marker, VIEW.target)
-    runs = [transport._render_region(scene, VIEW, Region(0, 0, 48, 40, 4), seed) for seed in range(SEEDS)]
+    runs = [render_basis(VIEW, Quality(4, 400_000, seed)).layers for seed in range(SEEDS)]
     weights = {
         light: node_weights(strength * constant(1.0, *BAND_NM).resampled(0.5), VIEW.nodes_nm)
         for light, strength in STRENGTHS.items()

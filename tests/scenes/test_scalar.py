@@ -14,7 +14,7 @@ from scipy.stats import t as student
 
 from radiometry.optics import Camera
 from radiometry.sources import LedRing, Sun
-from scenes import transport
+from scenes import stock
 from scenes.exr import read_basis
 from scenes.llvm import FORCED_VARIANT, SCALAR_VARIANT
 from scenes.marker import MarkerDesign
@@ -52,7 +52,7 @@ def test_the_scalar_variant_renders_the_same_scene(mi: ModuleType, tmp_path: Pat
     assert scalar.attributes["variant"] == SCALAR_VARIANT
     assert scalar.nodes_nm == VIEW.nodes_nm
 
-    runs = [transport._render_region(None, VIEW, Region(0, 0, 48, 40, 2), seed) for seed in range(100, 100 + SEEDS)]
+    runs = [stock.render_region(VIEW, Region(0, 0, 48, 40, 2), seed) for seed in range(100, 100 + SEEDS)]
     for light in LIGHTS:
         known, found = (
             image[..., 0, :, :].reshape(*image.shape[:-3], 5, 8, 6, 8).mean(axis=(-3, -1), dtype=float).reshape(-1, 30)

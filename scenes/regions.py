@@ -1,0 +1,166 @@
+"""Which pixels of a view show the ArUco, the elements, the marker and the face."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation
+
+from radiometry.geometry import FloatArray
+from scenes.marker import Element, MarkerDesign
+from scenes.target import Target, surroundings
+from scenes.view import View
+
+#: Pixels around the marker's outline that belong to its surroundings.
+MARGIN_PX = 4
+_FAR_PX = 2**20
+
+
+@dataclass(frozen=True)
+class Box:
+    """A rectangle of whole pixels; x1 and y1 are the first ones outside."""
+
+    x0: int
+    y0: int
+    x1: int
+    y1: int
+
+    @property
+    def width(self) -> int:
+        return max(self.x1 - self.x0, 0)
+
+    @property
+    def height(self) -> int:
+        return max(self.y1 - self.y0, 0)
+
+    def grown(self, pixels: int) -> Box:
+        return Box(self.x0 - pixels, self.y0 - pixels, self.x1 + pixels, self.y1 + pixels)
+
+    def within(self, other: Box) -> Box:
+        """The part that lies in another one; of no width or height where there is none."""
+        x0, y0 = max(self.x0, other.x0), max(self.y0, other.y0)
+        return Box(x0, y0, max(min(self.x1, other.x1), x0), max(min(self.y1, other.y1), y0))
+
+    def around(self, hole: Box) -> list[Box]:
+        """What is left of it without a hole that lies in it: above, left, right and below, without empty parts."""
+        if not hole.width or not hole.height:
+            return [self] if self.width and self.height else []
+        parts = [
+            Box(self.x0, self.y0, self.x1, hole.y0), Box(self.x0, hole.y0, hole.x0, hole.y1),
+            Box(hole.x1, hole.y0, self.x1, hole.y1), Box(self.x0, hole.y1, self.x1, self.y1),
+        ]  # fmt: skip
+        return [part for part in parts if part.width and part.height]
+
+    def slices(self, origin: Box) -> tuple[slice, slice]:
+        """Rows and columns of it in an array that begins at another box's first corner."""
+        return (
+            slice(self.y0 - origin.y0, self.y1 - origin.y0),
+            slice(self.x0 - origin.x0, self.x1 - origin.x0),
+        )
+
+
+def frame_box(view: View) -> Box:
+    return Box(0, 0, view.camera.width_px, view.camera.height_px)
+
+
+def marker_box(view: View) -> Box:
+    """Pixels around the marker, with a margin; not cut to the frame."""
+    half = view.marker.size_m / 2
+    return _box(view, np.array([[-half, -half, -view.marker.thickness_m], [half, half, 0.0]]))
+
+
+def target_box(view: View) -> Box:
+    """Pixels around all of the target, with a margin; not cut to the frame."""
+    return _box(view, bounds_m(view.marker, at_rest(view.target)))
+
+
+def at_rest(target: Target) -> Target:
+    """The target without attitude and motion: what its surfaces depend on."""
+    return target.model_copy(
+        update=dict.fromkeys(("pitch_deg", "yaw_deg", "roll_deg", "tumble_deg_s", "tumble_lever_m"), 0.0)
+    )
+
+
+@lru_cache(maxsize=8)
+def bounds_m(marker: MarkerDesign, surface: Target) -> FloatArray:
+    """Least and largest coordinates (2, 3) of marker and target in the marker frame [m]."""
+    points = [vertices for (vertices, _), _ in surroundings(surface, marker).values()]
+    points += [vertices for vertices, _ in marker.meshes().values()]
+    return np.array([np.min([p.min(axis=0) for p in points], axis=0), np.max([p.max(axis=0) for p in points], axis=0)])
+
+
+def _box(view: View, corners_m: FloatArray) -> Box:
+    # Distortion bends edges, which then reach further than the corners.
+    steps = np.linspace(0, 1, 17 if view.camera.distorted else 2)
+    unit = np.array([[x, y, z] for x in steps for y in steps for z in (0, 1)])
+    points = corners_m[0] + unit * (corners_m[1] - corners_m[0])
+    depth = points @ view.rotation[2] + view.translation_m[2]
+    if depth.min() <= 0:  # it reaches behind the camera
+        return Box(-_FAR_PX, -_FAR_PX, _FAR_PX, _FAR_PX)
+    image = view.to_image(points).clip(-_FAR_PX, _FAR_PX)
+    x0, y0 = np.floor(image.min(axis=0)).astype(int) - MARGIN_PX
+    x1, y1 = np.ceil(image.max(axis=0)).astype(int) + MARGIN_PX + 1
+    return Box(int(x0), int(y0), int(x1), int(y1))
+
+
+@dataclass(frozen=True)
+class MarkerPixels:
+    """Pixels of a box by what their centres show, (height, width) each.
+
+    Attributes:
+        aruco: the ArUco with its ring.
+        blob: slits of the elements whose floor the camera sees, at least in part.
+        opening: all of the elements' openings.
+    """
+
+    aruco: NDArray[np.bool_]
+    blob: NDArray[np.bool_]
+    opening: NDArray[np.bool_]
+
+
+def marker_pixels(view: View, box: Box) -> MarkerPixels:
+    """What the pixels of a box show of the marker."""
+    column, row = np.meshgrid(np.arange(box.x0, box.x1), np.arange(box.y0, box.y1))
+    pixels = np.stack([column, row], axis=-1).reshape(-1, 2).astype(float)
+    place = np.nan_to_num(view.to_plane(pixels), nan=np.inf).reshape(box.height, box.width, 2)
+    marker, viewer = view.marker, view.to_marker(np.zeros(3))
+    half = marker.aruco_m * (0.5 + marker.ring_fraction)
+    aruco = np.all(np.abs(place) <= half, axis=-1)
+    opening, blob = np.zeros_like(aruco), np.zeros_like(aruco)
+    for element in marker.elements:
+        along, across = place @ element.along[:2], place @ element.across[:2]
+        here = np.abs(across - element.centre_m @ element.across) <= element.width_m / 2
+        here &= np.abs(along - element.shift_m) <= element.length_m / 2
+        opening |= here
+        blob |= here & (np.abs(along - element.blob_offset_m(viewer)) <= _blob_reach_m(marker, element, viewer))
+    return MarkerPixels(aruco, blob, opening)
+
+
+def _blob_reach_m(marker: MarkerDesign, element: Element, viewer: FloatArray) -> float:
+    """How far from the blob's middle the floor can be seen [m].
+
+    With w = u₀ + (u − u₀) V / (V + z), constant on the slats' planes, a line of sight that passes the front plane at u changes w
+    by (u − u_blob) t/(V − t) (1 + V/C_z) down to the floor at z = −t; where that exceeds a slit's width, a slat hides it.
+    """
+    pitch = element.length_m / marker.slit_count
+    depth, virtual = element.depth_m, element.virtual_depth_m
+    change = depth / (virtual - depth) * (1 + virtual / viewer[2])
+    return float(pitch * (1 + (1 - marker.slat_fraction) / change))
+
+
+def widened(mask: NDArray[np.bool_], pixels: int) -> NDArray[np.bool_]:
+    """A mask and all pixels no further from it than so many along either axis."""
+    if pixels == 0 or not mask.any():
+        return mask
+    return binary_dilation(mask, np.ones((2 * pixels + 1,) * 2, bool))
+
+
+def edge_normals(view: View) -> FloatArray:
+    """Normals (2, 2) in the image of edges along the marker's y and x axes at its centre, as long as a metre is [px]."""
+    step = 1e-4
+    ends = view.to_image(np.array([[step, 0, 0], [-step, 0, 0], [0, step, 0], [0, -step, 0]]))
+    x_axis, y_axis = (ends[0] - ends[1]) / (2 * step), (ends[2] - ends[3]) / (2 * step)
+    return np.array([[y_axis[1], -y_axis[0]], [x_axis[1], -x_axis[0]]])

@@ -1,0 +1,132 @@
+"""What is rendered, how densely, and what comes out of it: plain data, without Mitsuba."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radiometry.geometry import FloatArray, attitude_matrix, sun_direction
+from radiometry.optics import Camera
+from radiometry.sources import Earth, LedRing, Sun
+from scenes.marker import MarkerDesign
+from scenes.target import Target
+
+MM_PER_M = 1000.0
+LIGHTS = ("led", "sun")
+#: Unit of each light's basis; the Earth's is rendered where there is one.
+UNITS = {"led": "m-2", "sun": "sr-1", "earth": "1"}
+#: Fields of the camera that act on the rendered radiance, not on its transport. The focus acts through the point spread, which
+#: a view's camera already holds (`radiometry.optics.camera_at`).
+AFTER_TRANSPORT = frozenset(
+    {"f_number", "lens_transmission", "focus_m", "vignetting", "veiling_glare", "point_source_transmittance"}
+)
+
+
+@dataclass(frozen=True)
+class View:
+    """One geometry to be rendered: everything that changes transport, and nothing else."""
+
+    camera: Camera
+    marker: MarkerDesign
+    target: Target
+    leds: LedRing
+    sun: Sun
+    range_m: float
+    nodes_nm: tuple[int, ...]
+    earth: Earth | None = None
+
+    @property
+    def lights(self) -> tuple[str, ...]:
+        """Lights that have a basis, keys of `UNITS`."""
+        return LIGHTS if self.earth is None else (*LIGHTS, "earth")
+
+    @cached_property
+    def rotation(self) -> FloatArray:
+        """Marker -> camera, (3, 3)."""
+        return attitude_matrix(*np.radians([self.target.pitch_deg, self.target.yaw_deg, self.target.roll_deg]))
+
+    @cached_property
+    def translation_m(self) -> FloatArray:
+        """Marker's origin in the camera frame, (3,) [m]: on the optical axis at the range."""
+        return np.array([0.0, 0.0, self.range_m])
+
+    @cached_property
+    def sun_in_marker(self) -> FloatArray:
+        """Unit vector target -> Sun in the marker frame, (3,)."""
+        return self.rotation.T @ sun_direction(np.radians(self.sun.phase_deg), np.radians(self.sun.azimuth_deg))
+
+    @cached_property
+    def earth_in_marker(self) -> FloatArray:
+        """Unit vector target -> centre of the Earth in the marker frame, (3,); needs an Earth."""
+        assert self.earth is not None
+        there = sun_direction(np.radians(self.earth.phase_deg), np.radians(self.earth.azimuth_deg))
+        return self.rotation.T @ there
+
+    def to_marker(self, points_camera_m: FloatArray) -> FloatArray:
+        """Points (..., 3) of the camera frame in the marker frame [m]."""
+        return (points_camera_m - self.translation_m) @ self.rotation
+
+    def to_image(self, points_marker_m: FloatArray) -> FloatArray:
+        """Image positions (..., 2) [px] of points (..., 3) of the marker frame [m]."""
+        return self.camera.project(points_marker_m @ self.rotation.T + self.translation_m)
+
+    def to_plane(self, image_px: FloatArray) -> FloatArray:
+        """Coordinates (n, 2) [m] on the marker's plane of what is seen at image positions (n, 2) [px]."""
+        homography = self.camera.matrix @ np.column_stack([self.rotation[:, :2], self.translation_m])
+        ideal_px = self.camera.undistort_px(image_px)
+        points = np.column_stack([ideal_px, np.ones(len(ideal_px))]) @ np.linalg.inv(homography).T
+        return points[:, :2] / points[:, 2:]
+
+
+@dataclass(frozen=True)
+class Quality:
+    """How densely a view is sampled.
+
+    The marker's density follows from the charge that its pixels can hold (`scenes.density`); the frame's is given.
+
+    Attributes:
+        frame_samples: rays along one side of a pixel, outside the marker; 0 leaves the frame there dark.
+        marker_rays: most rays spent on the marker's surroundings.
+        seed: of the lattices' shifts.
+        electrons: charge of the brightest pixels against whose shot noise the renderer's is held [electrons].
+        variance_fraction: renderer's variance over shot variance that the marker's pixels may reach.
+    """
+
+    frame_samples: int = 1
+    marker_rays: int = 4_000_000
+    seed: int = 1
+    electrons: float = 20_000.0
+    variance_fraction: float = 0.1
+
+
+@dataclass(frozen=True)
+class Region:
+    """A rectangle of whole pixels and the sub-pixels along one side of each."""
+
+    x0: int
+    y0: int
+    width: int
+    height: int
+    samples: int
+
+
+@dataclass(frozen=True)
+class TransportBasis:
+    """Basis images of one view.
+
+    Attributes:
+        nodes_nm: wavelengths [nm].
+        layers: by light, (nodes, height, width) float32 in the units of `UNITS`.
+        attributes: provenance, string or number.
+        noise: by light, half the difference (height, width) of two independent renderings whose mean the layers are, averaged
+            over the wavelengths, in the same units: one draw of the layers' error, whose square's mean is their variance. Zero
+            away from ArUco and elements, where there is but one rendering; empty where nothing is known.
+    """
+
+    nodes_nm: tuple[int, ...]
+    layers: dict[str, NDArray[np.float32]]
+    attributes: dict[str, str | float] = field(default_factory=dict)
+    noise: dict[str, NDArray[np.float32]] = field(default_factory=dict)
