@@ -2,11 +2,13 @@
 
 The image keeps its full bit depth: a pixel counts as bright where it exceeds the mean of its surroundings by some noise
 deviations, or where it saturates. The ArUco's border then is a dark component that the ring cuts off from the rest,
-whatever the brightness of the surroundings. Smoothed and binned copies find markers of low contrast.
+whatever the brightness of the surroundings. Places of high contrast are looked at first; where they hold no marker, the
+whole image is, and smoothed and binned copies of it, which find markers of low contrast.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -16,6 +18,10 @@ from numpy.typing import NDArray
 
 from detector.noise import NoiseModel
 from radiometry.geometry import FloatArray
+
+Image = NDArray[np.float32]
+#: A rectangle of pixels: x, y, width, height.
+Place = tuple[int, int, int, int]
 
 #: Smallest side of a candidate [px of the searched copy].
 MIN_SIDE_PX = 5
@@ -38,12 +44,20 @@ LOOKS = (
     Look(1, 0.0, 7, 2.0), Look(1, 0.5, 7, 0.5), Look(1, 0.7, 13, 1.5), Look(1, 1.0, 9, 0.5), Look(2, 0.9, 9, 0.5),
     Look(4, 0.9, 9, 0.5),
 )  # fmt: skip
+#: Places of high contrast: means over CELL × CELL pixels that exceed the lowest of their surroundings (cells) by one of these
+#: parts of the frame's highest contrast, and by this many deviations of a single pixel's noise.
+CELL, SURROUNDINGS, CONTRASTS, CONTRAST_SIGMAS = 4, 5, (0.3, 0.06), 2.0
+#: Smallest side of a place worth a look [cells]; most places; and the part of the image they may fill. Beyond either, looking
+#: at the whole image costs less.
+MIN_PLACE, MAX_PLACES, MAX_FILLED = 5, 12, 0.4
+#: A place is binned to about this many pixels a side before it is looked at.
+PLACE_PX = 100
 
 
 def dark_squares(
-    image: NDArray[np.float32], window: int, threshold: tuple[float | NDArray[np.float32], float], ceiling: float
-) -> list[FloatArray]:
-    """Quadrilaterals (4, 2) [px], clockwise as seen, around dark components of a float32 image (H, W).
+    image: Image, window: int, threshold: tuple[float | NDArray[np.float32], float], ceiling: float
+) -> Iterator[FloatArray]:
+    """Quadrilaterals (4, 2) [px], clockwise as seen, around dark components of a float32 image (H, W), the largest first.
 
     `window`: side of the surroundings [px]. Bright is what exceeds their mean by √(c₀ + c₁ · mean), `threshold` (c₀, c₁;
     c₀ may be of each pixel, (H, W)), or reaches the `ceiling`.
@@ -65,13 +79,12 @@ def dark_squares(
     # The ring is outside the component, so a whole marker never touches the image's border.
     fits &= (left > 0) & (top > 0) & (left + width < w) & (top + height < h)
     fits[0] = False
-    quads = []
-    for k in np.flatnonzero(fits):
+    found = np.flatnonzero(fits)
+    for k in found[np.argsort(-(width * height)[found], kind="stable")]:
         x, y, bw, bh = left[k] - 1, top[k] - 1, width[k] + 2, height[k] + 2
         quad = _quadrilateral((labels[y : y + bh, x : x + bw] == k).view(np.uint8))
         if quad is not None:
-            quads.append(quad + np.array([x, y]))
-    return quads
+            yield quad + np.array([x, y])
 
 
 def _quadrilateral(mask: np.ndarray) -> FloatArray | None:
@@ -85,56 +98,109 @@ def _quadrilateral(mask: np.ndarray) -> FloatArray | None:
     inside = cv2.contourArea(outline) + cv2.arcLength(outline, True) / 2 + 1
     if inside < 0.75 * hull_area or len(hull) < 4:
         return None
-    corners = cv2.approxPolyN(hull, 4, ensure_convex=True).reshape(-1, 2).astype(float)
-    if len(corners) != 4:
+    shape = cv2.approxPolyN(hull, 4, ensure_convex=True).reshape(-1, 2)
+    if len(shape) != 4:
         return None
-    side = np.roll(corners, -1, 0) - corners
-    length = np.linalg.norm(side, axis=1)
-    turn = side[:, 0] * np.roll(side[:, 1], -1) - side[:, 1] * np.roll(side[:, 0], -1)
-    if length.min() < 0.35 * length.max() or length.min() < MIN_SIDE_PX - 2 or np.ptp(np.sign(turn)) != 0:
+    points = shape.tolist()
+    sides = [(b[0] - a[0], b[1] - a[1]) for a, b in zip(points, points[1:] + points[:1], strict=True)]
+    lengths = [math.hypot(*side) for side in sides]
+    turns = [a[0] * b[1] - a[1] * b[0] for a, b in zip(sides, sides[1:] + sides[:1], strict=True)]
+    if min(lengths) < max(0.35 * max(lengths), MIN_SIDE_PX - 2) or not (max(turns) < 0 or min(turns) > 0):
         return None
-    if turn[0] < 0:  # counter-clockwise in an image whose y runs down
-        corners = corners[::-1]
-    quad_area = cv2.contourArea(corners.astype(np.float32)) + perimeter / 2
-    if not 0.75 < quad_area / hull_area < 1.35:
+    area = abs(sum(a[0] * b[1] - a[1] * b[0] for a, b in zip(points, points[1:] + points[:1], strict=True))) / 2
+    if not 0.75 < (area + perimeter / 2) / hull_area < 1.35:
         return None
+    corners = np.array(points if turns[0] > 0 else points[::-1], float)  # clockwise in an image whose y runs down
     centre = corners.mean(0)
-    return centre + (corners - centre) * (1 + 1.0 / length.mean())
+    return centre + (corners - centre) * (1 + 4.0 / sum(lengths))
 
 
-def search(image: np.ndarray, noise: NoiseModel) -> Iterator[tuple[FloatArray, float]]:
-    """Candidate quadrilaterals in the image's pixels and the blur [px] they were seen through.
+class _Copies:
+    """Parts of an image as float32, binned, with what the threshold needs to know of their noise."""
 
-    Pass by pass: the plain image, then smoothed, then binned copies.
-    """
-    plain = image.astype(np.float32)
-    gain, ceiling = noise.gain_dn_per_electron, noise.saturated_above_dn
-    constant = noise.read_noise_dn**2 - gain * noise.offset_dn
-    extra = noise.extra_variance_dn2
-    if extra is not None:  # a clipped reading that says nothing to a fit still is bright or dark
-        extra = np.where(np.isfinite(extra), extra, 0.0).astype(np.float32)
-    for look in LOOKS:
-        shape = (image.shape[1] // look.binning, image.shape[0] // look.binning)
-        if min(shape) < 16:
+    def __init__(self, image: np.ndarray, noise: NoiseModel):
+        # Halving works in the integers of cameras; other numbers become real at once.
+        self.image = image if image.dtype in (np.uint8, np.uint16) else image.astype(np.float32)
+        self.gain, self.ceiling = noise.gain_dn_per_electron, noise.saturated_above_dn
+        self.constant = noise.read_noise_dn**2 - self.gain * noise.offset_dn
+        self.extra: Image | None = None
+        if noise.extra_variance_dn2 is not None:
+            # A clipped reading that says nothing to a fit still is bright or dark.
+            extra = noise.extra_variance_dn2
+            self.extra = np.where(np.isfinite(extra), extra, 0.0).astype(np.float32)
+
+    def noise_dn(self, level: Image) -> Image:
+        """Noise of single pixels [DN] at levels (h, w) of cells; see `CELL`."""
+        variance = level * np.float32(self.gain) + np.float32(self.constant)
+        if self.extra is not None:
+            variance += _binned(self.extra, CELL)
+        return np.sqrt(np.maximum(variance, np.float32(0)))
+
+    def squares(self, look: Look, place: Place | None = None) -> Iterator[tuple[FloatArray, float]]:
+        """Quadrilaterals [px of the image] in a part of a binned copy, and the blur they were seen through [px]."""
+        x, y, width, height = place or (0, 0, self.image.shape[1], self.image.shape[0])
+        part = slice(y, y + height), slice(x, x + width)
+        copy = _binned(self.image[part].astype(np.float32), look.binning)
+        if min(copy.shape) < 16:
             return
-        copy, averaged = plain, 1.0
-        if look.binning > 1:
-            copy = _binned(plain, shape, look.binning)
+        averaged = float(look.binning**2)
         if look.blur > 0:
             copy = np.asarray(cv2.GaussianBlur(copy, (0, 0), look.blur), np.float32)
             # A Gaussian of deviation s averages over 4πs² pixels.
             averaged = 4 * np.pi * (look.blur * look.binning) ** 2
         scale = look.sigmas**2 / averaged
-        offset: float | NDArray[np.float32] = scale * constant
-        if extra is not None:
-            offset = np.float32(offset) + np.float32(scale) * _binned(extra, shape, look.binning)
-        for quad in dark_squares(copy, look.window, (offset, scale * gain), ceiling):
-            yield quad * look.binning + (look.binning - 1) / 2, look.blur * look.binning
+        offset: float | Image = scale * self.constant
+        if self.extra is not None:
+            offset = np.float32(offset) + np.float32(scale) * _binned(self.extra[part], look.binning)
+        blur = max(look.blur, 0.5 if look.binning > 1 else 0.0) * look.binning
+        for quad in dark_squares(copy, look.window, (offset, scale * self.gain), self.ceiling):
+            yield quad * look.binning + (look.binning - 1) / 2 + np.array([x, y]), blur
 
 
-def _binned(image: NDArray[np.float32], shape: tuple[int, int], binning: int) -> NDArray[np.float32]:
-    """Means over squares of `binning` pixels; `shape` is the result's (width, height)."""
-    if binning == 1:
-        return image
-    whole = image[: shape[1] * binning, : shape[0] * binning]
-    return np.asarray(cv2.resize(whole, shape, interpolation=cv2.INTER_AREA), np.float32)
+def search(image: np.ndarray, noise: NoiseModel) -> Iterator[tuple[FloatArray, float]]:
+    """Candidate quadrilaterals in the image's pixels and the blur [px] they were seen through.
+
+    First where contrast is high; then pass by pass: the plain image, smoothed, then binned copies.
+    """
+    copies = _Copies(image, noise)
+    for place in _places(copies):
+        binning = 1
+        while max(place[2:]) > 1.5 * PLACE_PX * binning and binning < 8:
+            binning *= 2
+        yield from copies.squares(Look(binning, 0.0, 7, 2.0), place)
+    for look in LOOKS:
+        yield from copies.squares(look)
+
+
+def _places(copies: _Copies) -> Iterator[Place]:
+    """Places of high contrast, those of the highest first."""
+    cells = _binned(copies.image, CELL).astype(np.float32, copy=False)
+    if min(cells.shape) < MIN_PLACE:
+        return
+    low = np.asarray(cv2.erode(cells, np.ones((SURROUNDINGS, SURROUNDINGS), np.uint8)), np.float32)
+    contrast = cells - low
+    noise = np.float32(CONTRAST_SIGMAS) * copies.noise_dn(low)
+    highest, seen = float(contrast.max()), set()
+    for part in CONTRASTS:
+        active = contrast > np.maximum(noise, np.float32(part * highest))
+        active = cv2.dilate(active.view(np.uint8), np.ones((3, 3), np.uint8))
+        outlines, _ = cv2.findContours(active, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+        boxes = [box for box in map(cv2.boundingRect, outlines) if min(box[2:]) >= MIN_PLACE]
+        if len(boxes) > MAX_PLACES or sum(w * h for _, _, w, h in boxes) > MAX_FILLED * active.size:
+            return
+        for left, top, width, height in sorted(boxes, key=lambda box: -box[2] * box[3]):
+            x, y = max(CELL * (left - 1), 0), max(CELL * (top - 1), 0)
+            right, bottom = CELL * (left + width + 1), CELL * (top + height + 1)
+            place = x, y, min(right, cells.shape[1] * CELL) - x, min(bottom, cells.shape[0] * CELL) - y
+            if place not in seen:
+                seen.add(place)
+                yield place
+
+
+def _binned(image: np.ndarray, binning: int) -> np.ndarray:
+    """Means over squares of `binning` pixels, a power of two."""
+    while binning > 1:
+        height, width = image.shape[0] // 2, image.shape[1] // 2
+        image = cv2.resize(image[: 2 * height, : 2 * width], (width, height), interpolation=cv2.INTER_AREA)
+        binning //= 2
+    return image

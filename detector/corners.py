@@ -2,29 +2,50 @@
 
 Every edge of the bits, of the border and of the ring pulls on one homography, so the fit comes near the Cramér–Rao
 bound, and the inverse of its information matrix is the covariance of the corners. A saturated pixel is a censored
-reading: it only says that the model should reach the saturation level.
+reading: it only says that the model should reach the saturation level. Where the light is uneven over the marker, both
+levels get a slope along x and along y.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
+from detector.compiled import BLOCK, add_products, invert_scaled, kernel, mirror, solve_scaled, wide_kernel
 from detector.noise import NoiseModel
-from detector.pattern import SQUARE, Pattern, PixelSet, corner_jacobian, homography, pixels_within, project
+from detector.pattern import (
+    SQUARE,
+    Pattern,
+    homography,
+    image_of,
+    inverse3,
+    new_block,
+    see,
+    select_pixels,
+    shine,
+)
 from radiometry.geometry import FloatArray
 
-#: Most pixels a fit uses; beyond, a large marker's edges are resolved far better than its optics are known.
-MAX_PIXELS = 1200
-MAX_ITERATIONS = 12
+#: Pixels of the descent, which only has to come close, and the most of the last step, which takes all that they know: beyond,
+#: edges are resolved far better than the optics are known.
+DESCENT_PIXELS, MAX_PIXELS = 250, 5000
+#: Iterations of the descent, and last steps, at most.
+MAX_ITERATIONS, MAX_LAST_STEPS = 12, 6
 #: What the model of the blur leaves in a corner without any noise, standard deviation [px]: measured on noiseless
 #: synthetic frames, 0.001 px at 120 px a side to 0.007 px at 12 px.
 MODEL_SIGMA_PX = 0.004
-#: A step below this ends the fit [px]; it is far below any corner's standard deviation.
-CONVERGED_PX = 2e-3
+#: A step below this ends the descent, and makes a last step the last [px]: what it leaves is of second order. So does one that
+#: lowers chi-square by little: it is a small part of the noise.
+NEAR_PX, LAST_PX, LAST_CHI2 = 0.1, 0.06, 0.5
+#: After a longer step, other pixels know where the edges are [px].
+ELSEWHERE_PX = 0.5
 #: Kernel deviations kept clear of the encoding elements, whose blobs the pattern model does not know.
 CLEARANCE_SIGMA = 2.5
+#: Uneven light is fitted where it lowers chi-square by this much: five standard deviations.
+UNEVEN_CHI2 = 25.0
 
 
 @dataclass(frozen=True)
@@ -34,16 +55,60 @@ class PatternFit:
     matrix: FloatArray  # plane -> image, (3, 3)
     corners_px: FloatArray  # (4, 2)
     covariance_px2: FloatArray  # of the eight coordinates x0, y0, x1, ..., (8, 8)
-    white_dn: float  # amplitude: a reflective cell over an absorbing one [DN]
-    black_dn: float  # level of an absorbing cell [DN]
+    levels_dn: (
+        FloatArray  # see `white_dn` and `black_dn`; then the slopes of either by x and y [DN per plane unit], (6,)
+    )
     reduced_chi2: float
     unexplained: float  # variance left beyond the noise, over the variance explained
     significance: float  # the pattern's variance in noise standard deviations
 
+    @property
+    def white_dn(self) -> float:
+        """Amplitude at the centre: a reflective cell over an absorbing one [DN]."""
+        return float(self.levels_dn[0])
 
-def gather(image: np.ndarray, pixels: FloatArray) -> FloatArray:
-    """Pixel values (n,) at integer positions (n, 2)."""
-    return image[pixels[:, 1].astype(np.intp), pixels[:, 0].astype(np.intp)].astype(float)
+    @property
+    def black_dn(self) -> float:
+        """Level of an absorbing cell at the centre [DN]."""
+        return float(self.levels_dn[1])
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Pixels to fit: places relative to an origin, readings, and what is known of their noise."""
+
+    columns: FloatArray
+    rows: FloatArray
+    data: FloatArray
+    saturated: NDArray[np.bool_]
+    extra: FloatArray  # variance beyond the noise model's [DN²]
+    noise: FloatArray  # see `noise_numbers`
+
+
+def noise_numbers(noise: NoiseModel) -> FloatArray:
+    """Read variance [DN²], gain [DN/e⁻], offset and level of saturation [DN], for the kernels."""
+    limit = min(noise.saturated_above_dn, 1e300)
+    return np.array([noise.read_noise_dn**2, noise.gain_dn_per_electron, noise.offset_dn, limit])
+
+
+def gather(image: np.ndarray, columns: NDArray[np.int64], rows: NDArray[np.int64]) -> FloatArray:
+    """Pixel values (n,) as real numbers."""
+    return np.asarray(image[rows, columns], float)
+
+
+def sample(
+    image: np.ndarray, columns: NDArray[np.int64], rows: NDArray[np.int64], origin: FloatArray, noise: NoiseModel
+) -> Samples:
+    """Readings of some pixels (n,), without those that say nothing."""
+    if noise.extra_variance_dn2 is None:
+        extra = np.zeros(len(columns))
+    else:
+        extra = noise.extra_variance_dn2[rows, columns]
+        readable = np.isfinite(extra)
+        columns, rows, extra = columns[readable], rows[readable], np.asarray(extra[readable], float)
+    data = gather(image, columns, rows)
+    saturated = data >= noise.saturated_above_dn
+    return Samples(columns - origin[0], rows - origin[1], data, saturated, extra, noise_numbers(noise))
 
 
 def fit_pattern(
@@ -59,163 +124,303 @@ def fit_pattern(
     Corners seen through a blur of `blur_px` may be further off than an edge is wide: then a model blurred as much draws
     them in first. Blurring both sides of an edge alike leaves it where it is.
     """
-    if blur_px > sigma_px:
-        coarse = _fit(image, pattern, corners_px, float(np.hypot(sigma_px, blur_px)), noise)
-        if coarse is None:
-            return None
-        corners_px = coarse.corners_px
-    return _fit(image, pattern, corners_px, sigma_px, noise)
-
-
-def _fit(
-    image: np.ndarray, pattern: Pattern, corners_px: FloatArray, sigma_px: float, noise: NoiseModel
-) -> PatternFit | None:
     origin = np.round(corners_px.mean(0))
     matrix = homography(corners_px - origin)
-    pixels = _pixels_to_fit(image.shape, pattern, matrix, origin, sigma_px)
-    pixels = noise.readable(pixels)
-    if len(pixels) < 60:
-        return None
-    data, noise = gather(image, pixels), noise.at(pixels)
-    pixels = pixels - origin
-    saturated = data >= noise.saturated_above_dn
-    state = _evaluate(pattern, PixelSet(pixels, matrix, sigma_px), matrix, data, saturated, noise, None)
-    damping = 1e-3
-    for _ in range(MAX_ITERATIONS):
-        step = None if state is None else state.step(damping)
-        if state is None or step is None:
+    levels, normal, result = np.zeros(6), np.empty((14, 14)), np.empty(4)
+    blurred = float(np.hypot(sigma_px, blur_px))
+    for sigma in (blurred, sigma_px) if blur_px > sigma_px else (sigma_px,):
+        few = _sample_pattern(image, pattern, matrix, origin, sigma_px, noise, DESCENT_PIXELS)
+        if few is None or not _descend(*_arguments(few), sigma, pattern.lines, pattern.cells, matrix, levels):
             return None
-        matrix = state.matrix + np.append(step[:8], 0.0).reshape(3, 3)
-        if _out_of_shape(matrix, state.matrix):
+    samples = None
+    for _ in range(MAX_LAST_STEPS):
+        # The same pixels as long as they are near the edges: others would bring other noise, and no end.
+        samples = samples or _sample_pattern(image, pattern, matrix, origin, sigma_px, noise, MAX_PIXELS)
+        if samples is None:
             return None
-        levels = state.white + step[8], state.black + step[9]
-        trial = _evaluate(pattern, PixelSet(pixels, matrix, sigma_px), matrix, data, saturated, noise, levels)
-        if trial is None or trial.cost > state.cost:
-            damping *= 30
-            if damping > 1e4:
-                break
-            continue
-        moved = np.abs(project(matrix, SQUARE) - project(state.matrix, SQUARE)).max()
-        state, damping = trial, damping / 10
-        if moved < CONVERGED_PX:
-            break
-    return None if state is None else state.finish(origin, len(data))
-
-
-def _pixels_to_fit(
-    shape: tuple[int, ...], pattern: Pattern, matrix: FloatArray, origin: FloatArray, sigma_px: float
-) -> FloatArray:
-    shift = np.eye(3)
-    shift[:2, 2] = origin
-    absolute = shift @ matrix
-    absolute /= absolute[2, 2]
-    clearance = CLEARANCE_SIGMA * sigma_px
-    pixels = pixels_within(absolute, pattern.reach, (shape[0], shape[1]), clearance, most=3 * MAX_PIXELS)
-    if len(pixels) > MAX_PIXELS:
-        # Only pixels near a grid line know where it is.
-        seen = PixelSet(pixels - origin, matrix, sigma_px)
-        near_x = (np.abs(seen.plane[:, :1] - pattern.lines) < 4 * seen.sigma_x[:, None]).any(1)
-        near_y = (np.abs(seen.plane[:, 1:] - pattern.lines) < 4 * seen.sigma_y[:, None]).any(1)
-        pixels = pixels[near_x | near_y]
-    return pixels[:: len(pixels) // MAX_PIXELS + 1]
-
-
-@dataclass
-class _State:
-    matrix: FloatArray
-    white: float
-    black: float
-    cost: float  # minus twice the log-likelihood, up to a constant
-    chi2: float
-    normal: FloatArray
-    rhs: FloatArray
-    unexplained: float
-    significance: float
-
-    def step(self, damping: float) -> FloatArray | None:
-        scale = np.sqrt(np.maximum(np.diag(self.normal), 1e-300))
-        scaled = self.normal / np.outer(scale, scale) + damping * np.eye(10)
-        try:
-            step = np.linalg.solve(scaled, self.rhs / scale) / scale
-        except np.linalg.LinAlgError:
+        moved_px, gain, count = _last_step(
+            *_arguments(samples), sigma_px, pattern.lines, pattern.cells, matrix, levels, normal, result
+        )
+        if not moved_px >= 0:
             return None
-        return step if np.isfinite(step).all() else None
-
-    def finish(self, origin: FloatArray, count: int) -> PatternFit | None:
-        scale = np.sqrt(np.maximum(np.diag(self.normal), 1e-300))
-        try:
-            covariance = np.linalg.inv(self.normal / np.outer(scale, scale)) / np.outer(scale, scale)
-        except np.linalg.LinAlgError:
-            return None
-        reduced = self.chi2 / max(count - 10, 1)
-        jacobian, corners = corner_jacobian(self.matrix)
-        jacobian = jacobian.reshape(8, 8)
-        covariance = jacobian @ covariance[:8, :8] @ jacobian.T * max(1.0, reduced)
-        covariance += MODEL_SIGMA_PX**2 * np.eye(8)
-        if not (np.isfinite(covariance).all() and (np.diag(covariance) > 0).all()):
-            return None
-        shift = np.eye(3)
-        shift[:2, 2] = origin
-        absolute = shift @ self.matrix
-        return PatternFit(
-            absolute / absolute[2, 2], corners + origin, (covariance + covariance.T) / 2, self.white, self.black, reduced,
-            self.unexplained, self.significance,
-        )  # fmt: skip
+        if moved_px < LAST_PX or gain < LAST_CHI2:
+            return _finish(matrix, levels, normal[:count, :count], result, origin)
+        if moved_px > ELSEWHERE_PX:
+            samples = None
+    return None
 
 
-def _out_of_shape(matrix: FloatArray, before: FloatArray) -> bool:
-    """A corner behind the camera, or thrown further than half a side in one step."""
-    if not np.isfinite(matrix).all() or (SQUARE @ matrix[2, :2] + 1 <= 0.1).any():
-        return True
-    old = project(before, SQUARE)
-    return bool(np.abs(project(matrix, SQUARE) - old).max() > 0.5 * np.abs(np.ptp(old, axis=0)).max())
+def _arguments(
+    samples: Samples,
+) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.bool_], FloatArray, FloatArray]:
+    return samples.columns, samples.rows, samples.data, samples.saturated, samples.extra, samples.noise
 
 
-def _evaluate(
+def _sample_pattern(
+    image: np.ndarray,
     pattern: Pattern,
-    seen: PixelSet,
     matrix: FloatArray,
-    data: FloatArray,
-    saturated: np.ndarray,
+    origin: FloatArray,
+    sigma_px: float,
     noise: NoiseModel,
-    levels: tuple[float, float] | None,
-) -> _State | None:
-    value, gradient = pattern.value_and_gradient(seen)
-    if levels is None:
-        free = ~saturated
-        fitted = np.linalg.lstsq(np.column_stack([value[free], np.ones(free.sum())]), data[free], rcond=None)[0]
-        if saturated.any():
-            fitted[0] = max(fitted[0], noise.saturation_dn - fitted[1])
-        levels = float(fitted[0]), float(fitted[1])
-    white, black = levels
-    if white <= 0:
-        return None
-    model = black + white * value
-    residual = data - model
-    # Censored readings: no pull once the model reaches the ceiling.
-    limit = noise.saturated_above_dn
-    residual[saturated] = np.maximum(limit - model[saturated], 0.0)
-    active = ~saturated | (residual > 0)
-    variance = noise.variance(np.minimum(model, limit))
-    weight = active / variance
-    (u, v), (x, y), w = seen.pixels.T, seen.plane.T, seen.w
-    # At a fixed pixel, moving the plane under it by the homography's derivative: dm/dh = -(∇m) · d(image)/dh.
-    p, q = -white * gradient[:, 0] / w, -white * gradient[:, 1] / w
-    along = p * u + q * v
-    jacobian = np.stack([p * x, p * y, p, q * x, q * y, q, -along * x, -along * y, value, np.ones_like(x)], -1)
-    weighted = jacobian * weight[:, None]
-    total = float(weight @ residual**2)
-    cost = total + float(np.log(variance[~saturated]).sum())
-    explained = float(weight @ (model - (weight @ model) / max(weight.sum(), 1e-300)) ** 2)
-    unexplained = max(total - np.count_nonzero(active), 0.0) / explained if explained > 0 else np.inf
-    return _State(
-        matrix,
-        white,
-        black,
-        cost,
-        total,
-        weighted.T @ jacobian,
-        weighted.T @ residual,
-        unexplained,
-        float(np.sqrt(explained)),
+    most: int,
+) -> Samples | None:
+    """The pixels that know where the edges are; None where they are too few."""
+    height, width = image.shape
+    absolute = moved(matrix, origin)
+    columns, rows = select_pixels(
+        absolute, pattern.reach, height, width, CLEARANCE_SIGMA * sigma_px, float(most), pattern.lines, sigma_px
     )
+    samples = sample(image, columns, rows, origin, noise)
+    return samples if len(samples.data) >= 60 else None
+
+
+def moved(matrix: FloatArray, origin: FloatArray) -> FloatArray:
+    """The homography (3, 3) whose images lie further by `origin` (2,) [px]."""
+    absolute = matrix.copy()
+    absolute[:2] += origin[:, None] * matrix[2]
+    return absolute / absolute[2, 2]
+
+
+def _finish(
+    matrix: FloatArray, levels: FloatArray, normal: FloatArray, result: FloatArray, origin: FloatArray
+) -> PatternFit | None:
+    _, chi2, active, explained = result
+    reduced = float(chi2 / max(active - len(normal), 1))
+    corners, joint = np.empty((4, 2)), np.empty((8, 8))
+    if not _corner_covariance(matrix, np.ascontiguousarray(normal), max(1.0, reduced), corners, joint):
+        return None
+    unexplained = max(chi2 - active, 0.0) / explained if explained > 0 else np.inf
+    return PatternFit(
+        moved(matrix, origin),
+        corners + origin,
+        joint,
+        levels,
+        reduced,
+        float(unexplained),
+        math.sqrt(max(explained, 0.0)),
+    )
+
+
+@kernel
+def _corner_covariance(matrix, normal, scale, corners, joint) -> bool:
+    """Corners (4, 2) and their covariance (8, 8) from the homography and its information, widened by `scale`."""
+    covariance, slope = np.empty_like(normal), np.zeros((8, 8))
+    if not invert_scaled(normal, covariance):
+        return False
+    for k in range(4):
+        x, y = SQUARE[k]
+        w = matrix[2, 0] * x + matrix[2, 1] * y + 1
+        corners[k, 0], corners[k, 1] = image_of(matrix, x, y)
+        for axis in range(2):
+            row = slope[2 * k + axis]
+            row[3 * axis], row[3 * axis + 1], row[3 * axis + 2] = x / w, y / w, 1 / w
+            row[6], row[7] = -corners[k, axis] * x / w, -corners[k, axis] * y / w
+    for i in range(8):
+        for j in range(i + 1):
+            total = MODEL_SIGMA_PX**2 if i == j else 0.0
+            for a in range(8):
+                for b in range(8):
+                    total += scale * slope[i, a] * covariance[a, b] * slope[j, b]
+            joint[i, j] = joint[j, i] = total
+        if not (math.isfinite(joint[i, i]) and joint[i, i] > 0):
+            return False
+    return True
+
+
+@kernel
+def _descend(columns, rows, data, saturated, extra, noise, sigma_px, lines, cells, matrix, levels) -> bool:
+    """Levenberg–Marquardt on `matrix` (3, 3) and the first two `levels`, in place; False where it diverges."""
+    normal, rhs, step, result = np.empty((10, 10)), np.empty(10), np.empty(10), np.empty(4)
+    damping = 1e-3
+    if not _first_levels(columns, rows, data, saturated, noise, sigma_px, lines, cells, matrix, levels):
+        return False
+    if levels[0] <= 0:
+        return False
+    _accumulate(
+        columns, rows, data, saturated, extra, noise, sigma_px, lines, cells, matrix, levels, normal, rhs, result
+    )
+    trial_matrix, trial_levels = matrix.copy(), levels.copy()
+    trial_normal, trial_rhs, trial = np.empty_like(normal), np.empty_like(rhs), np.empty_like(result)
+    for _ in range(MAX_ITERATIONS):
+        if not solve_scaled(normal, rhs, damping, step):
+            return False
+        distance = _moved(matrix, levels, step, trial_matrix, trial_levels)
+        if not distance >= 0:
+            return False
+        better = trial_levels[0] > 0
+        if better and distance >= NEAR_PX:
+            _accumulate(
+                columns, rows, data, saturated, extra, noise, sigma_px, lines, cells, trial_matrix, trial_levels,
+                trial_normal, trial_rhs, trial,
+            )  # fmt: skip
+            better = trial[0] <= result[0]
+        if better:
+            matrix[:], levels[:] = trial_matrix, trial_levels
+            normal[:], rhs[:], result[:] = trial_normal, trial_rhs, trial
+            damping /= 10
+        else:
+            damping *= 30
+        if damping > 1e4 or distance < NEAR_PX:
+            break
+    return True
+
+
+@kernel
+def _last_step(columns, rows, data, saturated, extra, noise, sigma_px, lines, cells, matrix, levels, normal, result):
+    """One Gauss–Newton step on `matrix` (3, 3) and `levels` (6,) in place, which from near takes all the readings know.
+
+    Leaves information and result (chi-square after the step) as `_accumulate` does. Returns the furthest way of a corner [px],
+    −1 where it diverges; how far chi-square falls; and the count of parameters: with slopes of the levels only where they
+    lower chi-square.
+    """
+    rhs, step, even_step = np.empty(14), np.empty(14), np.empty(10)
+    _accumulate(
+        columns, rows, data, saturated, extra, noise, sigma_px, lines, cells, matrix, levels, normal, rhs, result
+    )
+    if not solve_scaled(np.ascontiguousarray(normal[:10, :10]), rhs[:10], 0.0, even_step):
+        return -1.0, 0.0, 10
+    count, gain, uneven_gain = 10, (even_step * rhs[:10]).sum(), 0.0
+    sloping = levels[2] != 0 or levels[3] != 0 or levels[4] != 0 or levels[5] != 0
+    if solve_scaled(normal, rhs, 0.0, step):
+        uneven_gain = (step * rhs).sum()
+    if sloping or uneven_gain > gain + UNEVEN_CHI2:
+        count, gain = 14, uneven_gain
+    else:
+        step[:10], step[10:] = even_step, 0.0
+    trial_matrix, trial_levels = matrix.copy(), levels.copy()
+    distance = _moved(matrix, levels, step, trial_matrix, trial_levels)
+    matrix[:], levels[:] = trial_matrix, trial_levels
+    result[1] = max(result[1] - gain, 0.0)
+    return distance if levels[0] > 0 else -1.0, gain, count
+
+
+@kernel
+def _moved(matrix, levels, step, trial_matrix, trial_levels) -> float:
+    """Apply a step (n,) to homography and levels; the furthest way of a corner [px], see `_moved_px`."""
+    for k in range(8):
+        trial_matrix[k // 3, k % 3] = matrix[k // 3, k % 3] + step[k]
+    for k in range(8, len(step)):
+        trial_levels[k - 8] = levels[k - 8] + step[k]
+    return float(_moved_px(matrix, trial_matrix))
+
+
+@kernel
+def _moved_px(before, after) -> float:
+    """Furthest way of a corner [px]; −1 where one goes behind the camera or further than half a side."""
+    furthest, low, high = 0.0, np.full(2, np.inf), np.full(2, -np.inf)
+    for k in range(4):
+        x, y = SQUARE[k]
+        if not after[2, 0] * x + after[2, 1] * y + 1 > 0.1:
+            return -1.0
+        old, new = image_of(before, x, y), image_of(after, x, y)
+        for j in range(2):
+            furthest = max(furthest, abs(new[j] - old[j]))
+            low[j], high[j] = min(low[j], old[j]), max(high[j], old[j])
+    side = max(high[0] - low[0], high[1] - low[1])
+    return furthest if furthest <= 0.5 * side else -1.0
+
+
+@kernel
+def _first_levels(columns, rows, data, saturated, noise, sigma_px, lines, cells, matrix, levels) -> bool:
+    """Amplitude and black level by linear least squares over the readings that are not saturated."""
+    inverse = inverse3(matrix)
+    block = new_block(inverse, lines, sigma_px, columns, rows)
+    n = sv = svv = sd = svd = 0.0
+    for start in range(0, len(data), BLOCK):
+        seen = min(BLOCK, len(data) - start)
+        see(block, inverse, sigma_px, lines, columns, rows, start, seen)
+        shine(block, cells, sigma_px, seen)
+        for p in range(seen):
+            if not saturated[start + p]:
+                v, reading = block.value[p], data[start + p]
+                n, sv, svv, sd, svd = n + 1, sv + v, svv + v * v, sd + reading, svd + v * reading
+    spread = n * svv - sv * sv
+    if not spread > 1e-9 * n * n:
+        return False
+    levels[0] = (n * svd - sv * sd) / spread
+    levels[1] = (sd - levels[0] * sv) / n
+    if saturated.any():
+        levels[0] = max(levels[0], noise[3] - levels[1])
+    return True
+
+
+@kernel
+def _accumulate(
+    columns, rows, data, saturated, extra, noise, sigma_px, lines, cells, matrix, levels, normal, rhs, result
+) -> None:
+    """Normal equations of homography and levels, and in `result` minus twice the log-likelihood (up to a constant), chi-square,
+    readings that pull, and the variance that the pattern explains."""
+    count, inverse = len(normal), inverse3(matrix)
+    block = new_block(inverse, lines, sigma_px, columns, rows)
+    slopes, weights, residuals = np.empty((count, BLOCK)), np.empty(BLOCK), np.empty(BLOCK)
+    normal[:], rhs[:], result[:] = 0.0, 0.0, 0.0
+    sums = np.zeros(3)
+    for start in range(0, len(data), BLOCK):
+        used = min(BLOCK, len(data) - start)
+        see(block, inverse, sigma_px, lines, columns, rows, start, used)
+        shine(block, cells, sigma_px, used)
+        _compare(
+            block,
+            columns,
+            rows,
+            data,
+            saturated,
+            extra,
+            noise,
+            levels,
+            start,
+            used,
+            slopes,
+            weights,
+            residuals,
+            result,
+            sums,
+        )
+        add_products(slopes, weights, residuals, used, normal, rhs)
+    mirror(normal)
+    result[0] += result[1]
+    if sums[0] > 0:
+        result[3] = sums[2] - sums[1] * sums[1] / sums[0]
+
+
+@wide_kernel
+def _compare(
+    block, columns, rows, data, saturated, extra, noise, levels, start, used, slopes, weights, residuals, result, sums
+) -> None:
+    """Residuals, weights and slopes of a block of pixels; adds to the log-determinant, chi-square and readings that pull in
+    `result`, and to the sums of weight, weighted pattern and its square in `sums`."""
+    read_variance, gain, offset, limit = noise
+    white, black, white_x, white_y, black_x, black_y = levels
+    cost = chi2 = active = total = mean = square = 0.0
+    for p in range(used):
+        x, y, w, value = block.x[p], block.y[p], block.w[p], block.value[p]
+        amplitude = white + white_x * x + white_y * y
+        model = black + black_x * x + black_y * y + amplitude * value
+        clipped = saturated[start + p]
+        # A censored reading does not pull once the model reaches the ceiling.
+        residual = max(limit - model, 0.0) if clipped else data[start + p] - model
+        variance = read_variance + gain * max(min(model, limit) - offset, 0.0) + extra[start + p]
+        weight = 0.0 if clipped and residual == 0.0 else 1.0 / variance
+        cost += 0.0 if clipped else math.log(variance)
+        chi2 += weight * residual * residual
+        active += 1.0 if weight > 0 else 0.0
+        total += weight
+        mean += weight * amplitude * value
+        square += weight * amplitude * amplitude * value * value
+        weights[p], residuals[p] = weight, residual
+        by_x = amplitude * block.by_x[p] + white_x * value + black_x
+        by_y = amplitude * block.by_y[p] + white_y * value + black_y
+        # At a fixed pixel, moving the plane under it by the homography's derivative: dm/dh = −(∇m) · d(image)/dh.
+        along_u = -(by_x * block.xu[p] + by_y * block.yu[p]) / w
+        along_v = -(by_x * block.xv[p] + by_y * block.yv[p]) / w
+        along = along_u * columns[start + p] + along_v * rows[start + p]
+        slopes[0, p], slopes[1, p], slopes[2, p] = along_u * x, along_u * y, along_u
+        slopes[3, p], slopes[4, p], slopes[5, p] = along_v * x, along_v * y, along_v
+        slopes[6, p], slopes[7, p], slopes[8, p], slopes[9, p] = -along * x, -along * y, value, 1.0
+    if len(slopes) > 10:
+        for p in range(used):
+            x, y, value = block.x[p], block.y[p], block.value[p]
+            slopes[10, p], slopes[11, p], slopes[12, p], slopes[13, p] = value * x, value * y, x, y
+    result[0], result[1], result[2] = result[0] + cost, result[1] + chi2, result[2] + active
+    sums[0], sums[1], sums[2] = sums[0] + total, sums[1] + mean, sums[2] + square

@@ -10,17 +10,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 
-import cv2
 import numpy as np
 
-from detector.corners import gather
+from detector.compiled import BLOCK, kernel, mirror
+from detector.corners import moved, sample
 from detector.noise import NoiseModel
-from detector.pattern import SQUARE, Pattern, PixelSet, homography, pixels_within
+from detector.pattern import Pattern, homography, inverse3, nearest_pixels, new_block, see, select_pixels
 from radiometry.geometry import FloatArray
 from scenes.marker import MarkerDesign, aruco_dictionary
 
-#: Most pixels a decode uses: about eight per cell of the default dictionary.
-MAX_PIXELS = 500
+#: Most pixels a decode uses: about six per cell of the default dictionary.
+MAX_PIXELS = 350
+_NO_EDGES = np.empty(0)
 
 
 @dataclass(frozen=True)
@@ -45,8 +46,9 @@ class Decoder:
         for identity in range(len(dictionary.bytesList)):
             bits = dictionary.generateImageMarker(identity, count, borderBits=1) > 127
             # Turn k: the marker's top left is corner k of the quadrilateral, so the print appears turned clockwise.
-            cells += [Pattern.with_bits(np.rot90(bits, -turn)).ravel() for turn in range(4)]
-        self.templates = np.array(cells)
+            cells += [np.rot90(bits, -turn)[1:-1, 1:-1][::-1].T.ravel() for turn in range(4)]
+        #: Cells inside the border, first index along x, second along y; then the ring, which all have.
+        self.templates = np.pad(np.array(cells, float), ((0, 0), (0, 1)), constant_values=1.0)
 
     def decode(
         self, image: np.ndarray, corners_px: FloatArray, sigma_px: float, noise: NoiseModel
@@ -55,33 +57,87 @@ class Decoder:
         origin = np.round(corners_px.mean(0))
         matrix = homography(corners_px - origin)
         reach = 1 + 2 * self.pattern.marker.ring_fraction
-        absolute = homography(corners_px)
-        pixels = pixels_within(absolute, reach, (image.shape[0], image.shape[1]), most=MAX_PIXELS)
-        pixels = noise.readable(pixels)
-        if len(pixels) < 40:
+        height, width = image.shape
+        columns, rows = select_pixels(
+            moved(matrix, origin), reach, height, width, 0.0, float(MAX_PIXELS), _NO_EDGES, sigma_px
+        )
+        seen = sample(image, columns, rows, origin, noise)
+        if len(seen.data) < 40:
             return None
-        data = np.minimum(gather(image, pixels), noise.saturated_above_dn)
-        grain = float(noise.at(pixels).variance(data).sum())
-        data -= data.mean()
+        size = self.templates.shape[1]
+        normal, match = np.zeros((size, size)), np.zeros(size)
+        power, grain = _gather_cells(
+            seen.columns,
+            seen.rows,
+            seen.data,
+            seen.extra,
+            seen.noise,
+            matrix,
+            sigma_px,
+            self.pattern.lines,
+            normal,
+            match,
+        )
         # What noise adds to the variance is no fault of the match; it never is all of it.
-        power = float(data @ data)
         power = max(power - grain, 0.1 * power)
         if power <= 0:
             return None
-        across, up = self.pattern.cell_responses(PixelSet(pixels - origin, matrix, sigma_px))
-        basis = (across[:, :, None] * up[:, None, :]).reshape(len(pixels), -1)
-        basis -= basis.mean(0)
-        match = self.templates @ (basis.T @ data)
-        norm = np.einsum("ti,ti->t", self.templates @ (basis.T @ basis), self.templates)
-        correlation = (match / np.sqrt(np.maximum(norm, 1e-12) * power)).reshape(-1, 4)
+        fitted = self.templates @ match
+        norm = ((self.templates @ normal) * self.templates).sum(1)
+        correlation = (fitted / np.sqrt(np.maximum(norm, 1e-12) * power)).reshape(-1, 4)
         best = correlation.max(1)
         first = int(best.argmax())
         return self._result(correlation, best, first), self._result(correlation, best, self.own)
 
     @staticmethod
     def _result(correlation: FloatArray, best: FloatArray, identity: int) -> Decoded:
-        rival = float(np.delete(best, identity).max()) if len(best) > 1 else 0.0
-        return Decoded(identity, int(correlation[identity].argmax()), float(best[identity]), rival)
+        rival = max(best[:identity].max(initial=0.0), best[identity + 1 :].max(initial=0.0))
+        return Decoded(identity, int(correlation[identity].argmax()), float(best[identity]), float(rival))
+
+
+@kernel
+def _gather_cells(columns, rows, data, extra, noise, matrix, sigma_px, lines, normal, match) -> tuple[float, float]:
+    """Products (n, n) of the images of the cells inside the border and of the ring, their means removed, and with the data.
+
+    Returns the data's sum of squares about its mean, and the part of it that is noise.
+    """
+    inverse, last = inverse3(matrix), len(lines) - 2
+    block = new_block(inverse, lines, sigma_px, columns, rows)
+    size, inner, strips = len(match), len(lines) - 5, len(block.share_x)
+    value, where, total = np.empty(size), np.empty(size, np.int64), np.zeros(size)
+    read_variance, gain, offset, limit = noise
+    mean = 0.0
+    for p in range(len(data)):
+        mean += min(data[p], limit) / len(data)
+    power = grain = 0.0
+    for start in range(0, len(data), BLOCK):
+        used = min(BLOCK, len(data) - start)
+        see(block, inverse, sigma_px, lines, columns, rows, start, used)
+        for p in range(used):
+            reading = min(data[start + p], limit)
+            grain += read_variance + gain * max(reading - offset, 0.0) + extra[start + p]
+            reading -= mean
+            power += reading * reading
+            seen, ring = 0, 0.0
+            for i in range(block.first_x[p], min(block.first_x[p] + strips, last + 1)):
+                for j in range(block.first_y[p], min(block.first_y[p] + strips, last + 1)):
+                    part = block.share_x[i - block.first_x[p], p] * block.share_y[j - block.first_y[p], p]
+                    if i == 0 or j == 0 or i == last or j == last:
+                        ring += part
+                    elif 1 < i < last - 1 and 1 < j < last - 1:
+                        value[seen], where[seen] = part, (i - 2) * inner + j - 2
+                        seen += 1
+            value[seen], where[seen] = ring, size - 1
+            for a in range(seen + 1):
+                total[where[a]] += value[a]
+                match[where[a]] += value[a] * reading
+                for b in range(a + 1):
+                    normal[where[a], where[b]] += value[a] * value[b]
+    for a in range(size):
+        for b in range(a + 1):
+            normal[a, b] -= total[a] * total[b] / len(data)
+    mirror(normal)
+    return power, grain
 
 
 @lru_cache(maxsize=8)
@@ -95,12 +151,10 @@ def has_ring(image: np.ndarray, corners_px: FloatArray, pattern: Pattern, noise_
 
     `noise_dn`: of a single pixel; the weakest and the strongest mean of eight pixels may cross by that much.
     """
-    matrix = cv2.getPerspectiveTransform(SQUARE.astype(np.float32), corners_px.astype(np.float32))
-    points = pattern.probes @ matrix[:, :2].T + matrix[:, 2]
-    at = np.rint(points[:, :2] / points[:, 2:])
-    if not ((at >= 0) & (at < image.shape[::-1])).all():
+    columns, rows = np.empty(len(pattern.probes), np.int64), np.empty(len(pattern.probes), np.int64)
+    if not nearest_pixels(homography(corners_px), pattern.probes, image.shape[0], image.shape[1], columns, rows):
         return False
-    bright, dark = gather(image, at).reshape(2, 4, -1).mean(2)
+    bright, dark = image[rows, columns].astype(float).reshape(2, 4, -1).mean(2)
     return bool(
         (bright > dark).all() and bright.mean() > dark.mean() + noise_dn and bright.min() > dark.max() - noise_dn
     )

@@ -56,7 +56,11 @@ class Features:
 
 
 def detect_features(
-    image: ArrayLike, marker: MarkerDesign, camera: Camera, noise: NoiseModel | None = None
+    image: ArrayLike,
+    marker: MarkerDesign,
+    camera: Camera,
+    noise: NoiseModel | None = None,
+    light_ring_m: float = 0.0,
 ) -> Features:
     """Find the marker and measure its corners and blobs.
 
@@ -71,16 +75,10 @@ def detect_features(
     if found is None:
         seen = f"only identity {other} seen" if other is not None else "no marker found"
         return Features(other, None, None, dict.fromkeys(ELEMENT_NAMES), {}, {}, seen)
-    blobs = find_blobs(frame, found, marker, camera, sigma_px, noise)
+    blobs = find_blobs(frame, found, marker, camera, sigma_px, noise, light_ring_m)
     good = {name: blob for name, blob in blobs.items() if isinstance(blob, Blob)}
     missing = [f"{name} blob: {why}" for name, why in blobs.items() if isinstance(why, str)]
-    half = marker.aruco_m / 2
-    virtual = {}
-    for key in marker.virtual_points_m:
-        horizontal, vertical = key.split("_")
-        if horizontal in good and vertical in good:
-            # Lines through the blobs along the slats cross, in the front plane, right above the virtual point.
-            virtual[key] = project(found.matrix, np.array([good[horizontal].offset_m, good[vertical].offset_m]) / half)
+    virtual = _virtual_points(found, good, marker.aruco_m / 2)
     joint = found.covariance_px2
     return Features(
         identity=marker.identity,
@@ -92,6 +90,15 @@ def detect_features(
         reason="; ".join(missing) or None,
         joint_covariance_px2=joint,
     )
+
+
+def _virtual_points(fit: PatternFit, blobs: dict[str, Blob], half_m: float) -> dict[str, FloatArray]:
+    """Images of the virtual points: lines through two blobs along the slats cross, in the front plane, right above them."""
+    pairs = [(h, v) for h in ("top", "bottom") for v in ("right", "left") if h in blobs and v in blobs]
+    if not pairs:
+        return {}
+    crossings = np.array([(blobs[h].offset_m, blobs[v].offset_m) for h, v in pairs]) / half_m
+    return dict(zip([f"{h}_{v}" for h, v in pairs], project(fit.matrix, crossings), strict=True))
 
 
 def _checked(image: ArrayLike) -> np.ndarray:

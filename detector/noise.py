@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,8 +23,8 @@ class NoiseModel:
     offset_dn: float = 0.0
     saturation_dn: float = np.inf
     extra_variance_dn2: FloatArray | None = field(default=None, compare=False, repr=False)
-    """Variance beyond that of shot and read noise, by pixel: (H, W), or (n,) after `at` [DN²]. Infinite where a reading says
-    nothing. A difference of two frames has it from the light that was subtracted."""
+    """Variance beyond that of shot and read noise, by pixel, (H, W) [DN²]. Infinite where a reading says nothing. A difference
+    of two frames has it from the light that was subtracted."""
 
     def __post_init__(self) -> None:
         for key in ("gain_dn_per_electron", "read_noise_dn"):
@@ -47,21 +47,19 @@ class NoiseModel:
 
         With an extra variance, `dn` must have its shape.
         """
-        signal = np.maximum(np.asarray(dn, float) - self.offset_dn, 0.0)
-        variance = self.read_noise_dn**2 + self.gain_dn_per_electron * signal
-        return variance if self.extra_variance_dn2 is None else variance + self.extra_variance_dn2
+        return self.of(dn, 0.0 if self.extra_variance_dn2 is None else self.extra_variance_dn2)
 
-    def at(self, pixels: FloatArray) -> NoiseModel:
-        """The model of some pixels: positions (n, 2), column and row."""
-        if self.extra_variance_dn2 is None:
-            return self
-        column, row = pixels.astype(np.intp).T
-        return replace(self, extra_variance_dn2=self.extra_variance_dn2[row, column])
+    def of(self, dn: ArrayLike, extra_dn2: ArrayLike) -> FloatArray:
+        """Variance [DN²] of pixels of mean `dn` (n,) with an extra variance (n,)."""
+        signal = np.maximum(np.asarray(dn, float) - self.offset_dn, 0.0)
+        return self.read_noise_dn**2 + self.gain_dn_per_electron * signal + np.asarray(extra_dn2, float)
 
     def readable(self, pixels: FloatArray) -> FloatArray:
-        """Those of some pixels (n, 2) whose readings say something."""
-        extra = self.at(pixels).extra_variance_dn2
-        return pixels if extra is None else pixels[np.isfinite(extra)]
+        """Those of some pixels (n, 2), column and row, whose readings say something."""
+        if self.extra_variance_dn2 is None:
+            return pixels
+        column, row = pixels.astype(np.intp).T
+        return pixels[np.isfinite(self.extra_variance_dn2[row, column])]
 
 
 def estimate_noise(image: np.ndarray) -> NoiseModel:

@@ -8,18 +8,21 @@ chequered plane is a bilinear form of one-dimensional edge responses.
 
 from __future__ import annotations
 
+import math
 from functools import cached_property
+from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
+from detector.compiled import BLOCK, EDGE_REACH, edge, inlined, kernel, wide_kernel
 from radiometry.geometry import FloatArray
 from scenes.marker import MarkerDesign
 
 #: Corners of the ArUco in plane coordinates, top left first, clockwise.
 SQUARE = np.array([[-1.0, 1.0], [1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]])
+#: Blur deviations from an edge within which pixels know where it is: 98.9 % of the information, its error function.
+KNOWING_REACH = 1.8
 
 
 def kernel_sigma_px(psf_sigma_px: float) -> float:
@@ -28,12 +31,40 @@ def kernel_sigma_px(psf_sigma_px: float) -> float:
 
 
 def homography(corners_px: FloatArray) -> FloatArray:
-    """Plane -> image homography (3, 3), last element 1, through four corners (4, 2) in the order of `SQUARE`."""
-    matrix = cv2.getPerspectiveTransform(SQUARE.astype(np.float32), np.asarray(corners_px, np.float32))
-    # OpenCV takes float32 points; one Newton step on the exact corners restores the lost digits.
-    columns, image = corner_jacobian(matrix)
-    step = np.linalg.solve(columns.reshape(8, 8), (np.asarray(corners_px) - image).ravel())
-    return matrix + np.append(step, 0.0).reshape(3, 3)
+    """Plane -> image homography (3, 3), last element 1, through four corners (4, 2) in the order of `SQUARE`.
+
+    Of corners of which three lie on a line there is none: its elements are infinite or NaN.
+    """
+    return np.asarray(homography_through(np.asarray(corners_px, float)))
+
+
+@kernel
+def homography_through(corners: FloatArray) -> FloatArray:
+    """See `homography`; the closed form of Heckbert (Fundamentals of texture mapping and image warping, 1989, 2.2.3)."""
+    skew = corners[0] - corners[1] + corners[2] - corners[3]
+    one, two = corners[1] - corners[2], corners[3] - corners[2]
+    area = one[0] * two[1] - one[1] * two[0]
+    g = (skew[0] * two[1] - skew[1] * two[0]) / area
+    h = (one[0] * skew[1] - one[1] * skew[0]) / area
+    matrix = np.empty((3, 3))
+    for k in range(2):
+        along = corners[1, k] - corners[0, k] + g * corners[1, k]
+        down = corners[3, k] - corners[0, k] + h * corners[3, k]
+        # From the unit square, y down, to ours.
+        matrix[k, 0], matrix[k, 1], matrix[k, 2] = along / 2, -down / 2, (along + down) / 2 + corners[0, k]
+    matrix[2, 0], matrix[2, 1], matrix[2, 2] = g / 2, -h / 2, (g + h) / 2 + 1
+    return matrix / matrix[2, 2]
+
+
+@kernel
+def inverse3(m: FloatArray) -> FloatArray:
+    """Inverse of a (3, 3) matrix by cofactors."""
+    inverse = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            a, b, c, d = (j + 1) % 3, (j + 2) % 3, (i + 1) % 3, (i + 2) % 3
+            inverse[i, j] = m[a, c] * m[b, d] - m[a, d] * m[b, c]
+    return inverse / (m[0, 0] * inverse[0, 0] + m[0, 1] * inverse[1, 0] + m[0, 2] * inverse[2, 0])
 
 
 def project(matrix: FloatArray, plane: FloatArray) -> FloatArray:
@@ -42,32 +73,235 @@ def project(matrix: FloatArray, plane: FloatArray) -> FloatArray:
     return p[..., :2] / p[..., 2:]
 
 
-def corner_jacobian(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Derivatives (4, 2, 8) of the corners' images with respect to the first eight elements, and the images (4, 2)."""
-    image = project(matrix, SQUARE)
-    w = SQUARE @ matrix[2, :2] + matrix[2, 2]
-    jacobian = np.zeros((4, 2, 8))
-    point = np.column_stack([SQUARE, np.ones(4)]) / w[:, None]
-    jacobian[:, 0, :3] = jacobian[:, 1, 3:6] = point
-    jacobian[:, :, 6:] = -image[:, :, None] * point[:, None, :2]
-    return jacobian, image
+@inlined
+def image_of(matrix: FloatArray, x: float, y: float) -> tuple[float, float]:
+    """Image position (column, row) [px] of one plane point."""
+    w = matrix[2, 0] * x + matrix[2, 1] * y + matrix[2, 2]
+    u = matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 2]
+    v = matrix[1, 0] * x + matrix[1, 1] * y + matrix[1, 2]
+    return u / w, v / w
 
 
-class PixelSet:
-    """Pixels (n, 2) seen through a homography: plane coordinates and the blur there."""
+@inlined
+def plane_point(inverse: FloatArray, u: float, v: float) -> tuple[float, float, float, float, float, float, float]:
+    """Plane point of an image position through an inverse homography: x, y, the projective depth of the forward map, and the
+    derivatives ∂x/∂u, ∂x/∂v, ∂y/∂u, ∂y/∂v [1/px]."""
+    w = 1.0 / (inverse[2, 0] * u + inverse[2, 1] * v + inverse[2, 2])
+    x = (inverse[0, 0] * u + inverse[0, 1] * v + inverse[0, 2]) * w
+    y = (inverse[1, 0] * u + inverse[1, 1] * v + inverse[1, 2]) * w
+    return (
+        x,
+        y,
+        w,
+        (inverse[0, 0] - x * inverse[2, 0]) * w,
+        (inverse[0, 1] - x * inverse[2, 1]) * w,
+        (inverse[1, 0] - y * inverse[2, 0]) * w,
+        (inverse[1, 1] - y * inverse[2, 1]) * w,
+    )
 
-    def __init__(self, pixels: FloatArray, matrix: FloatArray, sigma_px: float):
-        inverse = np.linalg.inv(matrix)
-        back = pixels @ inverse[:, :2].T + inverse[:, 2]
-        self.pixels = pixels
-        self.w = 1.0 / back[:, 2]  # inverse is exact, so this is the projective depth of the forward map
-        self.plane = back[:, :2] * self.w[:, None]
-        # Inverse Jacobian d(plane)/d(pixel), (n, 2, 2).
-        self.jacobian = (inverse[None, :2, :2] - self.plane[:, :, None] * inverse[2, :2]) * self.w[:, None, None]
-        jx, jy = self.jacobian[:, 0], self.jacobian[:, 1]
-        self.sigma_x = sigma_px * np.sqrt((jx**2).sum(1))
-        self.sigma_y = sigma_px * np.sqrt((jy**2).sum(1))
-        self.cross = sigma_px**2 * (jx * jy).sum(1)
+
+class Block(NamedTuple):
+    """Some pixels seen through an inverse homography, each field (BLOCK,) unless stated."""
+
+    x: FloatArray  # plane point
+    y: FloatArray
+    w: FloatArray  # projective depth of the forward map
+    xu: FloatArray  # derivatives ∂x/∂u, ∂x/∂v, ∂y/∂u, ∂y/∂v [1/px]
+    xv: FloatArray
+    yu: FloatArray
+    yv: FloatArray
+    first_x: NDArray[np.int64]  # first strip of cells that the blur reaches, along x and y
+    first_y: NDArray[np.int64]
+    share_x: FloatArray  # what the first strips put into the pixel, (strips, BLOCK), and the derivatives by x and y
+    slope_x: FloatArray
+    share_y: FloatArray
+    slope_y: FloatArray
+    value: FloatArray  # blurred reflectance and its derivatives by x and y
+    by_x: FloatArray
+    by_y: FloatArray
+
+
+@kernel
+def new_block(inverse, lines, sigma_px, columns, rows):
+    """Room for pixels (n,), with as many strips as the blur reaches in any of them."""
+    widest, narrowest = 0.0, np.inf
+    for p in range(len(columns)):
+        _, _, _, xu, xv, yu, yv = plane_point(inverse, columns[p], rows[p])
+        widest = max(widest, xu * xu + xv * xv, yu * yu + yv * yv)
+    for k in range(len(lines) - 1):
+        narrowest = min(narrowest, lines[k + 1] - lines[k])
+    reach = 2 * EDGE_REACH * sigma_px * math.sqrt(widest) / narrowest
+    strips = min(int(reach) + 2, len(lines) - 1) if reach < len(lines) else len(lines) - 1
+    shares = np.empty((4, strips, BLOCK))
+    reals = np.empty((10, BLOCK))
+    return Block(
+        reals[0], reals[1], reals[2], reals[3], reals[4], reals[5], reals[6], np.empty(BLOCK, np.int64),
+        np.empty(BLOCK, np.int64), shares[0], shares[1], shares[2], shares[3], reals[7], reals[8], reals[9],
+    )  # fmt: skip
+
+
+@wide_kernel
+def see(block, inverse, sigma_px, lines, columns, rows, start, used) -> None:
+    """Plane points and shares of the strips for `used` pixels from `start` on."""
+    scale_x, scale_y = np.empty(BLOCK), np.empty(BLOCK)
+    x, y, w, xu, xv, yu, yv = block.x, block.y, block.w, block.xu, block.xv, block.yu, block.yv
+    a, b, c, d, e, f, g, h, i = inverse.flat
+    for p in range(used):
+        column, row = columns[start + p], rows[start + p]
+        w[p] = 1 / (g * column + h * row + i)
+        x[p], y[p] = (a * column + b * row + c) * w[p], (d * column + e * row + f) * w[p]
+        xu[p], xv[p] = (a - x[p] * g) * w[p], (b - x[p] * h) * w[p]
+        yu[p], yv[p] = (d - y[p] * g) * w[p], (e - y[p] * h) * w[p]
+        scale_x[p] = 1 / (sigma_px * math.sqrt(xu[p] * xu[p] + xv[p] * xv[p]))
+        scale_y[p] = 1 / (sigma_px * math.sqrt(yu[p] * yu[p] + yv[p] * yv[p]))
+    _share(x, scale_x, lines, used, block.first_x, block.share_x, block.slope_x)
+    _share(y, scale_y, lines, used, block.first_y, block.share_y, block.slope_y)
+
+
+@wide_kernel
+def _share(place, scale, lines, used, first, share, slope) -> None:
+    """What strips of cells between neighbouring lines put into pixels at places (n,) blurred by 1/`scale`."""
+    count, before, peak_before = len(lines) - 1, np.empty(BLOCK), np.empty(BLOCK)
+    # The lines between the ring's are evenly spaced.
+    start, per_line = lines[1], 1 / (lines[2] - lines[1])
+    for p in range(used):
+        near = place[p] - EDGE_REACH / scale[p]
+        first[p] = min(int(max((near - start) * per_line + 1, 0.0)), count - 1)
+        before[p], peak_before[p] = edge((place[p] - lines[first[p]]) * scale[p])
+    for k in range(len(share)):
+        part, part_slope = share[k], slope[k]
+        for p in range(used):
+            after, peak_after = edge((place[p] - lines[min(first[p] + k + 1, count)]) * scale[p])
+            part[p], part_slope[p] = before[p] - after, (peak_before[p] - peak_after) * scale[p]
+            before[p], peak_before[p] = after, peak_after
+
+
+@wide_kernel
+def shine(block, cells, sigma_px, used) -> None:
+    """Blurred reflectance of the cells (n, n) in `used` pixels, and its derivatives by x and y, from what `see` left."""
+    last, strips = len(cells) - 1, len(block.share_x)
+    for p in range(used):
+        value = by_x = by_y = by_both = 0.0
+        for i in range(strips):
+            strip = cells[min(block.first_x[p] + i, last)]
+            across = across_slope = 0.0
+            for j in range(strips):
+                cell = strip[min(block.first_y[p] + j, last)]
+                across += cell * block.share_y[j, p]
+                across_slope += cell * block.slope_y[j, p]
+            value += block.share_x[i, p] * across
+            by_x += block.slope_x[i, p] * across
+            by_y += block.share_x[i, p] * across_slope
+            by_both += block.slope_x[i, p] * across_slope
+        skew = block.xu[p] * block.yu[p] + block.xv[p] * block.yv[p]
+        block.value[p] = value + sigma_px * sigma_px * skew * by_both
+        block.by_x[p], block.by_y[p] = by_x, by_y
+
+
+@kernel
+def select_pixels(
+    matrix: FloatArray,
+    reach: float,
+    height: int,
+    width: int,
+    margin_px: float,
+    most: float,
+    edges: FloatArray,
+    sigma_px: float,
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Columns and rows of the pixels within the plane's square |x|, |y| <= reach, less a margin [px].
+
+    With `edges` (n,), plane lines, only those that an edge there, in x or in y, blurs into. Of more than `most`, about that
+    many, spread evenly.
+    """
+    corners = np.empty((4, 2))
+    for k in range(4):
+        corners[k, 0], corners[k, 1] = image_of(matrix, SQUARE[k, 0] * reach, SQUARE[k, 1] * reach)
+    grow = max(-margin_px, 0.0)
+    low, high = corners[0] - grow, corners[0] + grow
+    area, twice = 0.0, 0.0
+    for k in range(4):
+        a, b = corners[k], corners[(k + 1) % 4]
+        twice += a[0] * b[1] - a[1] * b[0]
+        for j in range(2):
+            low[j], high[j] = min(low[j], a[j] - grow), max(high[j], a[j] + grow)
+    area = abs(twice) / 2
+    none = np.empty(0, np.int64)
+    if not (math.isfinite(area) and area > 0):
+        return none, none
+    # Signed distances to the four sides, positive inside whatever the handedness: n · p − offset.
+    normal, offset = np.empty((4, 2)), np.empty(4)
+    for k in range(4):
+        a, b = corners[k], corners[(k + 1) % 4]
+        length = math.hypot(b[0] - a[0], b[1] - a[1]) * (1.0 if twice > 0 else -1.0)
+        normal[k, 0], normal[k, 1] = (a[1] - b[1]) / length, (b[0] - a[0]) / length
+        offset[k] = normal[k, 0] * a[0] + normal[k, 1] * a[1] + margin_px
+    near, share = len(edges) > 0, 1.0
+    if near:
+        strip = 2 * KNOWING_REACH * sigma_px * len(edges) / math.sqrt(area)
+        share = 1 - max(1 - strip, 0.0) ** 2
+    stride = int(min(area * share / most, 1e6)) + 1
+    x0, y0 = max(math.floor(low[0]), 0), max(math.floor(low[1]), 0)
+    x1, y1 = min(math.ceil(high[0]), width - 1), min(math.ceil(high[1]), height - 1)
+    if x1 < x0 or y1 < y0:
+        return none, none
+    columns = np.empty((y1 - y0 + 1) * ((x1 - x0) // stride + 1), np.int64)
+    rows = np.empty_like(columns)
+    inverse = inverse3(matrix)
+    count = 0
+    for row in range(y0, y1 + 1):
+        start = int((row * 0.6180339887498949) % 1.0 * stride)  # golden ratio: no row, column or diagonal is left out
+        for column in range(x0 + start, x1 + 1, stride):
+            inside = True
+            for k in range(4):
+                inside &= normal[k, 0] * column + normal[k, 1] * row >= offset[k]
+            if inside and near:
+                x, y, _, xu, xv, yu, yv = plane_point(inverse, column, row)
+                at_x = KNOWING_REACH * sigma_px * math.sqrt(xu * xu + xv * xv)
+                at_y = KNOWING_REACH * sigma_px * math.sqrt(yu * yu + yv * yv)
+                inside = False
+                for edge in edges:
+                    inside |= abs(x - edge) < at_x or abs(y - edge) < at_y
+            if inside:
+                columns[count], rows[count] = column, row
+                count += 1
+    return columns[:count].copy(), rows[:count].copy()
+
+
+def pixels_within(matrix: FloatArray, reach: float, shape: tuple[int, int], margin_px: float = 0.0) -> FloatArray:
+    """Pixel centres (n, 2) of an image of `shape` that lie in the plane's square |x|, |y| <= reach, less a margin [px]."""
+    return np.stack(select_pixels(matrix, reach, shape[0], shape[1], margin_px, np.inf, np.empty(0), 0.0), -1).astype(
+        float
+    )
+
+
+@kernel
+def nearest_pixels(
+    matrix: FloatArray, points: FloatArray, height: int, width: int, columns: NDArray[np.int64], rows: NDArray[np.int64]
+) -> bool:
+    """Nearest pixels of plane points (n, 2), at the image's edge for those outside; False where there are such."""
+    inside = True
+    for k in range(len(points)):
+        u, v = image_of(matrix, points[k, 0], points[k, 1])
+        inside &= -0.5 <= u < width - 0.5 and -0.5 <= v < height - 0.5
+        columns[k] = math.floor(min(max(u, 0.0), width - 1.0) + 0.5)
+        rows[k] = math.floor(min(max(v, 0.0), height - 1.0) + 0.5)
+    return inside
+
+
+@kernel
+def _pattern_values(columns, rows, matrix, sigma_px, lines, cells):
+    inverse, value, gradient = inverse3(matrix), np.empty(len(columns)), np.empty((len(columns), 2))
+    block = new_block(inverse, lines, sigma_px, columns, rows)
+    for start in range(0, len(columns), BLOCK):
+        used = min(BLOCK, len(columns) - start)
+        see(block, inverse, sigma_px, lines, columns, rows, start, used)
+        shine(block, cells, sigma_px, used)
+        for p in range(used):
+            value[start + p] = block.value[p]
+            gradient[start + p, 0] = block.by_x[p] * block.xu[p] + block.by_y[p] * block.yu[p]
+            gradient[start + p, 1] = block.by_x[p] * block.xv[p] + block.by_y[p] * block.yv[p]
+    return value, gradient
 
 
 class Pattern:
@@ -99,60 +333,11 @@ class Pattern:
     @staticmethod
     def with_bits(bits: NDArray[np.bool_]) -> FloatArray:
         """Cells of any printed pattern: its bits inside a reflective ring."""
-        return np.pad(bits[::-1].T.astype(float), 1, constant_values=1.0)
+        return np.ascontiguousarray(np.pad(bits[::-1].T.astype(float), 1, constant_values=1.0))
 
-    def cell_responses(self, seen: PixelSet) -> tuple[FloatArray, FloatArray]:
-        """What each column and each row of cells puts into each pixel, (n_pixels, n_cells) twice."""
-        x = ndtr((seen.plane[:, :1] - self.lines) / seen.sigma_x[:, None])
-        y = ndtr((seen.plane[:, 1:] - self.lines) / seen.sigma_y[:, None])
-        return x[:, :-1] - x[:, 1:], y[:, :-1] - y[:, 1:]
-
-    def value_and_gradient(self, seen: PixelSet) -> tuple[FloatArray, FloatArray]:
-        """Blurred reflectance (n,) and its gradient in the image (n, 2) [1/px]."""
-        zx = (seen.plane[:, :1] - self.lines) / seen.sigma_x[:, None]
-        zy = (seen.plane[:, 1:] - self.lines) / seen.sigma_y[:, None]
-        edge_x, edge_y = ndtr(zx), ndtr(zy)
-        peak_x = _normal_density(zx) / seen.sigma_x[:, None]
-        peak_y = _normal_density(zy) / seen.sigma_y[:, None]
-        # Second mixed difference of the cells: the corner at (i, j) adds its step to everything right of and above it.
-        corners = np.diff(np.diff(np.pad(self.cells, 1), axis=0), axis=1)
-        edge_row, peak_row = edge_x @ corners, peak_x @ corners
-        value = (edge_row * edge_y + seen.cross[:, None] * peak_row * peak_y).sum(1)
-        gradient = np.stack([(peak_row * edge_y).sum(1), (edge_row * peak_y).sum(1)], -1)
-        return value, np.einsum("ni,nij->nj", gradient, seen.jacobian)
-
-
-def _normal_density(z: FloatArray) -> FloatArray:
-    return np.exp(-0.5 * z * z) * (1 / np.sqrt(2 * np.pi))
-
-
-def _cross2(a: FloatArray, b: FloatArray) -> float:
-    return float(a[0] * b[1] - a[1] * b[0])
-
-
-def pixels_within(
-    matrix: FloatArray, reach: float, shape: tuple[int, int], margin_px: float = 0.0, most: int | None = None
-) -> FloatArray:
-    """Pixel centres (n, 2) of an image of `shape` that lie in the plane's square |x|, |y| <= reach, less a margin [px].
-
-    Of more than `most` pixels, about that many, spread evenly.
-    """
-    corners = project(matrix, SQUARE * reach)
-    low = np.maximum(np.floor(corners.min(0) + min(margin_px, 0)), 0).astype(int)
-    high = np.minimum(np.ceil(corners.max(0) - min(margin_px, 0)) + 1, shape[::-1]).astype(int)
-    if np.any(high <= low):
-        return np.empty((0, 2))
-    side = np.roll(corners, -1, 0) - corners
-    x, y = np.arange(low[0], high[0]), np.arange(low[1], high[1])[:, None]
-    if most is None:
-        column, row = (axis.ravel() for axis in np.broadcast_arrays(x, y))
-    else:
-        area = 0.5 * abs(_cross2(corners[2] - corners[0], corners[3] - corners[1]))
-        # Consecutive rows start at different residues, so no row, column or diagonal of edges is left out.
-        row, column = np.nonzero((7 * x + 11 * y) % (int(area / most) + 1) == 0)
-        column, row = column + low[0], row + low[1]
-    pixels = np.stack([column, row], -1).astype(float)
-    # Signed distances to the four sides: positive inside, whatever the handedness.
-    normal = np.stack([-side[:, 1], side[:, 0]], -1) / np.linalg.norm(side, axis=1, keepdims=True)
-    inward = np.sign((corners.mean(0) - corners[0]) @ normal[0]) * normal
-    return pixels[(pixels @ inward.T - (corners * inward).sum(1) >= margin_px).all(1)]
+    def value_and_gradient(
+        self, pixels: FloatArray, matrix: FloatArray, sigma_px: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """Blurred reflectance (n,) at pixels (n, 2) through a homography, and its gradient in the image (n, 2) [1/px]."""
+        columns, rows = np.ascontiguousarray(np.asarray(pixels, float).T)
+        return _pattern_values(columns, rows, matrix, sigma_px, self.lines, self.cells)

@@ -18,8 +18,8 @@ from synthetic import NOISE, electrons, expose, foil, pose_at, range_for
 
 from detector.features import Features, detect_features
 from detector.noise import NoiseModel, estimate_noise
-from detector.pattern import Pattern, PixelSet, homography, kernel_sigma_px
-from detector.slits import Slits
+from detector.pattern import Pattern, homography, kernel_sigma_px
+from detector.slits import Slits, lit_cells
 from radiometry.geometry import FloatArray
 from radiometry.optics import Camera
 from scenes.marker import Element, MarkerDesign
@@ -323,14 +323,14 @@ def test_the_pattern_s_gradient_is_its_derivative(offsets, sigma):
     square = np.array([[10, 10], [50, 12], [48, 52], [9, 49]]) + np.reshape(offsets, (4, 2))
     matrix, pattern = homography(square), Pattern(MARKER)
     pixels = np.random.default_rng(0).uniform(5, 55, (200, 2))
-    value, gradient = pattern.value_and_gradient(PixelSet(pixels, matrix, kernel_sigma_px(sigma)))
+    value, gradient = pattern.value_and_gradient(pixels, matrix, kernel_sigma_px(sigma))
     assert value.min() > -0.1
     assert value.max() < 1.1
     for axis in (0, 1):
         step = np.zeros(2)
         step[axis] = 1e-4
-        ahead, _ = pattern.value_and_gradient(PixelSet(pixels + step, matrix, kernel_sigma_px(sigma)))
-        behind, _ = pattern.value_and_gradient(PixelSet(pixels - step, matrix, kernel_sigma_px(sigma)))
+        ahead, _ = pattern.value_and_gradient(pixels + step, matrix, kernel_sigma_px(sigma))
+        behind, _ = pattern.value_and_gradient(pixels - step, matrix, kernel_sigma_px(sigma))
         # The skew's second-order term is left out of the gradient.
         assert (ahead - behind) / 2e-4 == pytest.approx(gradient[:, axis], abs=0.12)
 
@@ -347,6 +347,18 @@ def test_floor_seen_through_the_slits_is_a_triangle_about_the_blob(place, range_
     # The area of the triangle, its top cut flat by one slit, but for what the ends cut off and the sampling by slits.
     whole = (1 - MARKER.slat_fraction) * (1 - slits.follow) * slits.half_width
     assert seen[-1] == pytest.approx(whole * (1 - slits.cut_fraction(place * element.length_m)), abs=0.12 * whole)
+
+
+@settings(deadline=None, derandomize=True, max_examples=40)
+@given(st.floats(-0.6, 0.6), st.floats(0.5, 10.0), st.sampled_from([0.0, 0.05, 0.2]))
+def test_the_cells_of_light_are_the_floor_seen_between_their_edges(place, range_m, light_ring_m):
+    element = MARKER.elements[0]
+    slits = Slits(MARKER, element, np.array([0.3 * range_m, 0.0, range_m]), light_ring_m)
+    edges = np.linspace(-0.6, 0.6, 200) * element.length_m
+    lit = np.empty(len(edges) - 1)
+    lit_cells(slits.numbers, slits.count, slits.beside, place * element.length_m, edges[0], edges[1] - edges[0], lit)
+    seen = slits.seen_up_to(edges, np.array([place * element.length_m]))[0]
+    assert lit * (edges[1] - edges[0]) == pytest.approx(np.diff(seen), abs=1e-12)
 
 
 def test_the_field_of_view_is_covered_by_one_element_or_the_other():

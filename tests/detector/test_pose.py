@@ -17,7 +17,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 from synthetic import NOISE, electrons, expose, pose_at
 
 from detector.features import Features, detect_features
-from detector.pose import _exponential, _Problem, solve_pose
+from detector.pose import problem_of, solve_pose
+from detector.pose_fit import exponential, residuals
 from radiometry.geometry import FloatArray, faces_camera, rotation_angle
 from radiometry.optics import Camera
 from scenes.marker import ELEMENT_NAMES, MarkerDesign
@@ -140,20 +141,18 @@ def test_an_improbable_residual_widens_the_covariance():
 
 def test_the_derivatives_are_those_of_the_residuals():
     rotation, translation = pose_at(2.0, 12.0, -20.0, 40.0, (80.0, -60.0), CAMERA)
-    problem = _Problem(features(rotation, translation, ELEMENT_NAMES), MARKER, CAMERA)
-    _, analytic = problem.residuals(rotation[None], translation[None])
-    for k in range(6):
-        step = np.zeros(6)
-        step[k] = 1e-6
-        ahead, behind = (
-            problem.residuals(_exponential(sign * step[None, :3]) @ rotation, (translation + sign * step[3:])[None])[0][
-                0
-            ]
-            for sign in (1, -1)
-        )
-        assert (ahead - behind) / 2e-6 == pytest.approx(
-            analytic[0, :, k], rel=1e-5, abs=1e-4 * np.abs(analytic[0, :, k]).max()
-        )
+    seen = features(rotation, translation, ELEMENT_NAMES)
+    problem = problem_of([(seen, MARKER, np.zeros(3))], CAMERA)
+
+    def at(step: FloatArray) -> tuple[FloatArray, FloatArray]:
+        values, slopes = np.empty(problem.measurements), np.empty((problem.measurements, 6))
+        residuals(problem, exponential(step[:3]) @ rotation, translation + step[3:], values, slopes)
+        return values, slopes
+
+    _, analytic = at(np.zeros(6))
+    for step, slope in zip(1e-6 * np.eye(6), analytic.T, strict=True):
+        difference = (at(step)[0] - at(-step)[0]) / 2e-6
+        assert difference == pytest.approx(slope, rel=1e-5, abs=1e-4 * np.abs(slope).max())
 
 
 def test_no_corners_no_pose():
