@@ -16,10 +16,14 @@ if TYPE_CHECKING:
 
 
 def write_netcdf(dataset: xr.Dataset, path: Path | str) -> None:
-    """Write a labelled dataset as NetCDF-4, compressed."""
+    """Write a labelled dataset as NetCDF-4, compressed.
+
+    It is made in memory: HDF5 does not survive a disk that fills while it writes.
+    """
     encoding = {name: {"zlib": True, "complevel": 4} for name, v in dataset.data_vars.items() if v.dtype.kind in "fiub"}
+    content = dataset.to_netcdf(engine="h5netcdf", encoding=encoding)
     with atomic_write(path) as temporary:
-        dataset.to_netcdf(temporary, engine="h5netcdf", encoding=encoding)
+        temporary.write_bytes(content)
 
 
 def write_png(image: NDArray[np.uint16] | NDArray[np.uint8], path: Path | str) -> None:

@@ -5,13 +5,15 @@ A case is a scenario's geometry, an illumination and an exposure. Every study th
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from detector.features import Features
+from detector.sensor import Sensor
 from experiments import chain
 from experiments.scenario import Scenario
 from radiometry.geometry import FloatArray
@@ -20,8 +22,10 @@ from radiometry.thesis import PrintedModel
 #: Reports progress: cases done, cases in all, what is being worked on.
 Progress = Callable[[int, int, str], None]
 
-#: Pixels of each bit: rows and columns.
-BitPixels = list[tuple[NDArray[np.intp], NDArray[np.intp]]]
+#: Rows and columns of some pixels.
+Pixels = tuple[NDArray[np.intp], NDArray[np.intp]]
+#: Pixels of each bit.
+BitPixels = list[Pixels]
 
 #: What is known of a case: unit and long name.
 VARIABLES: dict[str, tuple[str, str]] = {
@@ -50,12 +54,23 @@ VARIABLES: dict[str, tuple[str, str]] = {
 
 @dataclass(frozen=True)
 class Trials:
-    """Results of the noise draws of one range, illumination and exposure."""
+    """Results of the noise draws of one range, illumination and exposure.
+
+    Attributes:
+        values: statistics over the draws, by the names of `VARIABLES`.
+        detected, attitude_error_deg, range_error: of each draw; errors are NaN without a pose.
+        pose_covariance: mean of what the solver states, (6, 6) of (ω, δt) as `detector.pose.Pose.covariance` [rad, m]; NaN where
+            no draw gave a pose.
+        reason: what most draws miss and why, and in how many of them something is missing; empty where nothing is.
+        frame, features: of the first draw.
+    """
 
     values: dict[str, float]
     detected: NDArray[np.bool_]
     attitude_error_deg: FloatArray
     range_error: FloatArray
+    pose_covariance: FloatArray
+    reason: str
     frame: NDArray[np.uint16]
     features: Features
 
@@ -89,48 +104,63 @@ def _mean_over_bits(image: FloatArray, pixels: BitPixels) -> float:
 
 def draw(scenario: Scenario, rate: FloatArray, light: str, seconds: list[float]) -> list[Trials]:
     """Noise draws of every exposure: statistics of the bits, detection and pose."""
+    return list(draws(scenario, rate, light, seconds))
+
+
+def draws(scenario: Scenario, rate: FloatArray, light: str, seconds: list[float]) -> Iterator[Trials]:
+    """`draw`, one exposure after the other as they are asked for."""
     scene_view, marker = chain.view(scenario), scenario.marker
     white = chain.bit_pixels(scene_view, marker.white_bit_centres_m())
     black = chain.bit_pixels(scene_view, marker.black_bit_centres_m())
-    return [_draw_exposure(scenario, rate, light, t, white, black) for t in seconds]
+    for t in seconds:
+        yield _draw_exposure(scenario, rate, light, t, _index(white), _index(black))
 
 
 def _draw_exposure(
-    scenario: Scenario,
-    rate: FloatArray,
-    light: str,
-    seconds: float,
-    white: BitPixels,
-    black: BitPixels,
+    scenario: Scenario, rate: FloatArray, light: str, seconds: float, bright: Pixels, dark: Pixels
 ) -> Trials:
     sensor, trials = scenario.sensor, scenario.budget.trials
-    bright, dark = _index(white), _index(black)
-    levels = {"signal": np.empty((trials, len(bright[0]))), "background": np.empty((trials, len(dark[0])))}
+    signal, background = np.empty((trials, len(bright[0]))), np.empty((trials, len(dark[0])))
     sightings, first = [], None
     for trial in range(trials):
         frame = chain.take_frame(scenario, rate, light, seconds, trial).dn
         first = frame if first is None else first
-        electrons = (frame - np.float32(sensor.offset_dn)) * np.float32(sensor.gain_electrons_per_dn)
-        levels["signal"][trial], levels["background"][trial] = electrons[bright], electrons[dark]
+        signal[trial], background[trial] = _electrons(sensor, frame[bright]), _electrons(sensor, frame[dark])
         sightings.append(chain.look(scenario, frame))
     assert first is not None
     errors = np.array([chain.pose_errors(scenario, s.pose) for s in sightings])
     found = np.array([s.features.detected for s in sightings])
     ceiling = (sensor.saturation_dn - sensor.offset_dn) * sensor.gain_electrons_per_dn
-    saturated = float(np.mean(levels["signal"] >= ceiling - 4 * sensor.total_noise_electrons))
+    saturated = float(np.mean(signal >= ceiling - 4 * sensor.total_noise_electrons))
+    stated = [s.pose.covariance for s in sightings if s.pose is not None]
     return Trials(
         {
-            **_noise_statistics(levels["signal"], levels["background"], saturated),
+            **_noise_statistics(signal, background, saturated),
             "saturated_fraction": saturated,
             "detected_fraction": float(found.mean()),
             "attitude_error_p95_deg": _percentile95(np.degrees(errors[:, 0])),
             "range_error_p95": _percentile95(errors[:, 1]),
         },
-        found, np.degrees(errors[:, 0]), errors[:, 1], first, sightings[0].features,
+        found, np.degrees(errors[:, 0]), errors[:, 1], np.mean(stated, axis=0) if stated else np.full((6, 6), np.nan),
+        _reason([s.features.reason for s in sightings]), first, sightings[0].features,
     )  # fmt: skip
 
 
-def _index(pixels: BitPixels) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _electrons(sensor: Sensor, dn: NDArray[np.uint16]) -> NDArray[np.float32]:
+    """Charge that digital numbers stand for [electrons]."""
+    return (dn - np.float32(sensor.offset_dn)) * np.float32(sensor.gain_electrons_per_dn)
+
+
+def _reason(reasons: Sequence[str | None]) -> str:
+    """The most frequent of some frames' reasons, with how many frames have any; of equally frequent ones the first."""
+    known = Counter(reason for reason in reasons if reason)
+    if not known:
+        return ""
+    text = known.most_common(1)[0][0]
+    return text if known.total() == len(reasons) else f"{text} ({known.total()} of {len(reasons)} frames)"
+
+
+def _index(pixels: BitPixels) -> Pixels:
     return np.concatenate([p[0] for p in pixels]), np.concatenate([p[1] for p in pixels])
 
 
