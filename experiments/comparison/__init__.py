@@ -1,0 +1,1 @@
+"""Encoding markers and plain ones beside the Mantis Marker: attitude error over tilt at equal pixel size (thesis section 5.1)."""

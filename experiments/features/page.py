@@ -1,0 +1,95 @@
+"""The page of the study of features."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from experiments.features import tables
+from experiments.features.clutter import KINDS, middle_of
+from experiments.features.detection import PX_PER_BIT_OF_CNR, TILT_DEG, has_apriltags
+from experiments.features.figures import CAPTIONS
+
+if TYPE_CHECKING:
+    from experiments.features.study import Result
+
+
+def page(result: Result, command: str) -> str:
+    """Verdict first, then each part's figure and table, then how it was done."""
+    found = tables.targets(result.accuracy, result.detection, result.clutter, result.trials)
+    parts = [
+        "# Features, their limits, and calibration",
+        f"Made by `{command}`; every number of this page comes from that run, from rendered frames with sensor noise.",
+        "## Verdict", tables.headline(found), tables.markdown(tables.TARGET_HEADINGS, tables.target_rows(found)),
+        "## Scatter beside the Cramér–Rao bound", _image("scatter"), _image("bound"), _image("bias"),
+        _accuracy_words(result), tables.markdown(tables.ACCURACY_HEADINGS, tables.accuracy_rows(result.accuracy)),
+        "## Detection", _image("detection"), _detection_words(result),
+        "## Frames without the marker", tables.markdown(tables.CLUTTER_HEADINGS, tables.clutter_rows(result.clutter)),
+        _clutter_words(result), *_calibration_parts(result),
+        "## How the bounds are made", *(f"- {line}" for line in HOW),
+    ]  # fmt: skip
+    return "\n\n".join(parts).replace("\n\n- ", "\n- ") + "\n"
+
+
+HOW = (
+    "F_ij = Σ ∂_iμ ∂_jμ / σ² over the pixels, μ the rendered mean electron image, σ² its shot, dark, read and quantisation "
+    "noise; the bound is F⁻¹, with the nuisance parameters in F (`detector/bounds.py`).",
+    "Corners: any homography of the printed pattern, eight parameters; nuisance: brightness of the pattern, background, and of "
+    "each element's light its brightness and its place. Used is the whole face of the marker.",
+    "Blobs: the virtual lines are moved and rendered again, the openings stay; nuisance: brightness of blob, pattern and "
+    "surroundings, and the background. A blob may scatter by less than its bound where its error changes with its place among "
+    "the slits: the bound holds for estimates without bias.",
+    "Pose: three turns of the camera are motions of the image as a plane, exact; pitch, yaw and range are rendered on either "
+    "side. Nuisance: brightness of the pattern and of each element, and the background.",
+    "Frames are rendered on sub-pixels before the lens's blur, so that one rendering gives every sub-pixel position; the scatter "
+    "is that of the noise draws about the mean of their own position.",
+)
+
+
+def _image(name: str) -> str:
+    return f"![{CAPTIONS[name]}](figures/features-{name}.svg)\n\n*{CAPTIONS[name]}*"
+
+
+def _accuracy_words(result: Result) -> str:
+    plan = result.plan
+    known = 100 / (2 * plan.shifts * (plan.draws - 1)) ** 0.5
+    return (
+        f"Eclipse, 'auto' exposure, {plan.shifts} sub-pixel positions × {plan.draws} noise draws of each geometry: the ratio of "
+        f"one coordinate is known to some {known:.0f} %. Blobs: root mean square over those found, and the worst bias. Attitude: "
+        "the root of the sum over three axes."
+    )
+
+
+def _detection_words(result: Result) -> str:
+    frames, plan = result.detection.attrs["frames"], result.plan
+    others = "" if has_apriltags() else " pupil-apriltags was not installed."
+    return (
+        f"{frames} frames a point: {plan.attitudes} attitudes (tilts up to {TILT_DEG:g}°, any roll), each at "
+        f"{plan.attitude_shifts} sub-pixel positions × {plan.attitude_draws} draws; found means the right identity within a bit "
+        f"of its place. Contrast is varied at {PX_PER_BIT_OF_CNR:g} px/bit by the exposure. OpenCV's ArUco and pupil-apriltags "
+        f"get the frame stretched to 8 bits, with default settings but no decimation.{others} The time that our detector "
+        "takes beside OpenCV's is measured by `benchmarks/detector.py`."
+    )
+
+
+def _clutter_words(result: Result) -> str:
+    camera = middle_of(result.scenario).camera
+    return (
+        f"Frames of {camera.width_px} × {camera.height_px} px, a quarter of the detector's area each. Half of them are rendered "
+        f"({KINDS[0]}: {result.plan.free_renders} faces of other crinkle, material, range, tilt and Sun, with glints, mirrored "
+        "and moved), half drawn; exposures from nearly dark to nearly all saturated. 'Other identities' shows 25 markers of the "
+        "same dictionary a frame: there, naming one is right."
+    )
+
+
+def _calibration_parts(result: Result) -> list[str]:
+    if not result.trials:
+        return []
+    words = {
+        "elements": "### Elements: one of them 1 mm off (`mantis calibrate elements`)",
+        "camera": "### Camera without distortion (`mantis calibrate camera`)",
+        "distorted camera": "### Camera with distortion",
+    }
+    parts = ["## Calibration"]
+    for name, trials in result.trials.items():
+        parts += [words[name], tables.markdown(tables.TRIAL_HEADINGS, tables.trial_rows(trials))]
+    return parts

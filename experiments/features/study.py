@@ -1,0 +1,142 @@
+"""The study of features: accuracy beside the bounds, detection beside others, marker-free frames, and both calibrations."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from experiments import chain
+from experiments.features import accuracy, calibrations, clutter, detection
+from experiments.features.calibrations import Trial
+from experiments.features.figures import figures
+from experiments.features.page import page
+from experiments.figures import save_svg
+from experiments.files import write_netcdf, write_text
+from experiments.report import csv_text
+from experiments.scenario import Scenario
+from experiments.trials import Progress
+
+#: The marker's yaw where pitch varies: one that faces the camera exactly is a case of its own [deg].
+YAW_DEG = 3.0
+#: Ranges at which elements and camera are calibrated [m].
+ELEMENTS_AT_M, BOARD_AT_M = 2.5, 1.25
+#: Distortion of the lens that is calibrated as well: one pixel at the frame's corner.
+DISTORTION: Mapping[str, float] = {"k1": -0.2, "k2": 0.1, "p1": 0.001}
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How much of everything."""
+
+    ranges_m: tuple[float, ...] = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 10.0)
+    pitches_deg: tuple[float, ...] = (-35.0, -20.0, 0.0, 20.0, 35.0)
+    shifts: int = 8
+    draws: int = 10
+    attitudes: int = 10
+    attitude_shifts: int = 4
+    attitude_draws: int = 5
+    px_per_bit: tuple[float, ...] = detection.PX_PER_BIT
+    cnr: tuple[float, ...] = detection.CNR
+    free_frames: int = 10_000
+    free_renders: int = 100
+    calibrations: bool = True
+
+
+QUICK = Plan(
+    ranges_m=(4.0,), pitches_deg=(20.0,), shifts=3, draws=5, attitudes=2, attitude_shifts=2, attitude_draws=3,
+    px_per_bit=(2.0, 4.0), cnr=(2.0, 5.0), free_frames=40, free_renders=2, calibrations=False,
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a run gives: datasets by part, and what the calibrations found."""
+
+    scenario: Scenario
+    plan: Plan
+    accuracy: xr.Dataset
+    detection: xr.Dataset
+    clutter: xr.Dataset
+    trials: dict[str, list[Trial]]
+
+
+def run(
+    scenario: Scenario, quick: bool = False, workers: int | None = None, progress: Progress | None = None
+) -> Result:
+    """All parts; in short for a first look."""
+    plan = QUICK if quick else Plan()
+    if quick and workers is None:
+        workers = 0  # to start others takes longer than the work
+    tilted = scenario.at(target={**scenario.target.model_dump(), "yaw_deg": YAW_DEG})
+    by_range = accuracy.study(tilted, plan.ranges_m, plan.pitches_deg, plan.shifts, plan.draws, workers, progress)
+    found = detection.study(
+        scenario, plan.attitudes, plan.attitude_shifts, plan.attitude_draws, plan.px_per_bit, plan.cnr, workers, progress
+    )  # fmt: skip
+    free = clutter.study(scenario, plan.free_frames, plan.free_renders, workers, progress)
+    trials = _calibrations(scenario) if plan.calibrations else {}
+    return Result(scenario, plan, by_range, found, free, trials)
+
+
+def _calibrations(scenario: Scenario) -> dict[str, list[Trial]]:
+    near, board = scenario.at(range_m=ELEMENTS_AT_M), scenario.at(range_m=BOARD_AT_M)
+    bent = board.at(camera={**board.camera.model_dump(), **DISTORTION})
+    return {
+        "elements": calibrations.element_trials(near),
+        "camera": calibrations.camera_trials(board, calibrations.board_for(board), distorted=False),
+        "distorted camera": calibrations.camera_trials(bent, calibrations.board_for(board), distorted=True),
+    }
+
+
+def write(result: Result, out: Path, command: str) -> None:
+    """features.nc, csv tables, the figures and features.md; figures and tables in the folders that docs/ has."""
+    (out / "data").mkdir(parents=True, exist_ok=True)
+    (out / "figures").mkdir(exist_ok=True)
+    merged = xr.merge([result.accuracy, result.detection, result.clutter], combine_attrs="drop_conflicts")
+    write_netcdf(merged.assign_attrs(chain.provenance(result.scenario), history=command), out / "features.nc")
+    per_blob = [name for name in result.accuracy if "element" in result.accuracy[name].dims]
+    tables = {
+        "accuracy": _columns(result.accuracy.drop_vars([*per_blob, "element"])),
+        "blobs": _columns(result.accuracy[per_blob]),
+        "detection": _detection_columns(result.detection),
+        "clutter": _columns(result.clutter),
+    }
+    if result.trials:
+        rows = [(part, t.what, t.unit, t.true, t.found, t.sigma) for part, ts in result.trials.items() for t in ts]
+        names = ("calibration", "parameter", "unit", "true", "found", "sigma")
+        tables["calibration"] = dict(zip(names, zip(*rows, strict=True), strict=True))
+    for name, columns in tables.items():
+        rounded = {key: [_rounded(v) for v in values] for key, values in columns.items()}
+        write_text(csv_text(rounded), out / "data" / f"features-{name}.csv")
+    for name, figure in figures(result.accuracy, result.detection).items():
+        save_svg(figure, out / "figures" / f"features-{name}.svg")
+    write_text(page(result, command), out / "features.md")
+
+
+def _rounded(value: Any) -> Any:
+    return f"{value:.5g}" if isinstance(value, (float, np.floating)) else value
+
+
+def _columns(data: xr.Dataset) -> dict[str, Iterable[Any]]:
+    """Coordinates and variables of a dataset as columns, one row a cell."""
+    table = data.to_dataframe().reset_index()
+    return {str(name): table[name].to_list() for name in table}
+
+
+def _detection_columns(found: xr.Dataset) -> dict[str, Iterable[Any]]:
+    """Counts with their interval, one row a family, detector and step of either axis."""
+    rows, frames = [], found.attrs["frames"]
+    for name, axis in (("found_by_size", "px_per_bit"), ("found_by_cnr", "cnr")):
+        for family in found.family.values:
+            for detector in found.detector.values:
+                counts = found[name].sel(family=family, detector=detector)
+                low, high = detection.clopper_pearson(counts.values, frames)
+                for at, count, a, b in zip(counts[axis].values, counts.values, low, high, strict=True):
+                    if np.isfinite(count):
+                        rows.append((axis, float(at), str(family), str(detector), frames, int(count), a, b))
+    names = ("axis", "value", "family", "detector", "frames", "found", "low95", "high95")
+    return dict(zip(names, zip(*rows, strict=True), strict=True))

@@ -1,0 +1,106 @@
+"""Power of a pulsed illuminator: frame rate within a budget, the LEDs' junction temperature, and what moves between frames.
+
+The thesis's equation 6.10, P = P_LED · n · t · fps, is `link.frames_per_second` solved for the rate. Here is what it leaves
+out: the loss of the driver, what the camera draws whether it takes frames or not, the pulse that a junction stands, and
+the target's motion from one frame to the next.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from radiometry import link
+from radiometry.geometry import FloatArray
+from radiometry.optics import Positive
+from radiometry.sources import LedRing
+
+
+class PowerPlan(BaseModel):
+    """What the navigation sensor may draw, and what it draws beside its LEDs."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    limit_w: Positive = Field(5.0, description="mean power that may be drawn [W]; thesis section 6.2")
+    driver_efficiency: Annotated[float, Field(gt=0, le=1)] = Field(
+        0.85, description="power into the LEDs over power into their driver; assumption: a switching current source"
+    )
+    camera_w: Annotated[float, Field(ge=0)] = Field(
+        2.5, description="camera and its electronics, always [W]; assumption: a small monochrome space camera"
+    )
+    frame_rate_max: Positive = Field(
+        7.18, description="frames a second that the camera reads out; thesis table 7.1, at full resolution"
+    )
+    latency_s: Annotated[float, Field(ge=0)] = Field(
+        0.05, description="features and pose of one frame on the chaser's processor [s]; assumption"
+    )
+
+    @model_validator(mode="after")
+    def _something_is_left(self) -> PowerPlan:
+        if self.camera_w >= self.limit_w:
+            raise ValueError(
+                f"camera_w: {self.camera_w:g} W leaves nothing of limit_w, {self.limit_w:g} W, for the LEDs; expected less [W]"
+            )
+        return self
+
+    def frame_rate_by_power(self, leds: LedRing, pulse_s: ArrayLike) -> FloatArray:
+        """Frames a second that the power budget and the LEDs' duty cycle allow [s⁻¹], of any pulse length."""
+        usable = self.driver_efficiency * (self.limit_w - self.camera_w)
+        return link.frames_per_second(usable, leds.energy_per_frame_j(pulse_s), pulse_s, leds.duty_max)
+
+    def frame_rate(self, leds: LedRing, pulse_s: ArrayLike) -> FloatArray:
+        """The same, bounded by the camera's readout and by the processor [s⁻¹]."""
+        readout = min(self.frame_rate_max, 1 / self.latency_s if self.latency_s else np.inf)
+        return np.minimum(self.frame_rate_by_power(leds, pulse_s), readout)
+
+
+def junction_rise_k(
+    heat_w: ArrayLike, resistance_k_w: float, capacity_j_k: float, pulse_s: ArrayLike, period_s: ArrayLike = np.inf
+) -> FloatArray:
+    """Highest junction temperature above the solder point under a train of equal pulses [K], in its steady state.
+
+    One thermal node: ΔT = P R (1 − e^(−t/τ)) / (1 − e^(−T/τ)) with τ = R C. At first it is P t / C, for long pulses P R. With C
+    of the chip alone it errs on the hot side, as the chip's carrier takes up heat too.
+
+    Args:
+        heat_w: electrical power less light, while on.
+        resistance_k_w: junction to solder point.
+        capacity_j_k: of the heated part.
+        pulse_s: time on; period_s: from pulse to pulse, at least as long; infinite for a single one.
+    """
+    pulse, period = np.asarray(pulse_s, float), np.asarray(period_s, float)
+    if np.any(period < pulse):
+        raise ValueError(f"period_s: {np.min(period):g} s, expected at least pulse_s, {np.max(pulse):g} s")
+    constant = resistance_k_w * capacity_j_k
+    heating = -np.expm1(-pulse / constant)
+    return np.asarray(heat_w, float) * resistance_k_w * heating / -np.expm1(-period / constant)
+
+
+def longest_pulse_s(heat_w: float, resistance_k_w: float, capacity_j_k: float, rise_k: float) -> float:
+    """Length of a single pulse that heats the junction by `rise_k` above the solder point [s]; infinite where none does."""
+    share = rise_k / (heat_w * resistance_k_w)
+    return float(-resistance_k_w * capacity_j_k * np.log1p(-share)) if share < 1 else float("inf")
+
+
+def swing_px(focal_px: float, lever_m: float, range_m: ArrayLike, turn_rad: ArrayLike) -> FloatArray:
+    """How far a marker at a lever arm from the axis of turn moves across the image, at most, for a turn [px].
+
+    The chord 2 r sin(φ/2), square to the line of sight, seen from the range.
+    """
+    chord = 2 * lever_m * np.sin(np.asarray(turn_rad, float) / 2)
+    return focal_px * chord / np.asarray(range_m, float)
+
+
+def turn_rate_deviation(attitude_rad: float, frame_rate: ArrayLike, seconds: float) -> FloatArray:
+    """Standard deviation of a steady turn rate from attitudes of all frames within a time [rad/s].
+
+    The slope of N equally spaced, independent readings of deviation σ: σ √(12 / (N (N² − 1))) / Δt (least squares on a line);
+    infinite with fewer than two frames.
+    """
+    rate = np.asarray(frame_rate, float)
+    count = np.floor(rate * seconds) + 1
+    with np.errstate(divide="ignore"):
+        return attitude_rad * rate * np.sqrt(12 / (count * (count**2 - 1)))
