@@ -3,7 +3,7 @@ SHELL := /bin/sh
 PYTHON_VENV := .venv/bin/python
 READY := .venv/.ready
 
-.PHONY: setup budget test lint quick bench clean
+.PHONY: setup budget test lint quick docs bench clean
 .DEFAULT_GOAL := budget
 
 setup: $(READY)
@@ -38,6 +38,22 @@ quick: setup
 	.venv/bin/mantis errata --out out/quick/errata
 	.venv/bin/mantis tradeoff --out out/quick/tradeoff
 	OPENBLAS_NUM_THREADS=1 .venv/bin/mantis montecarlo --quick --out out/quick/montecarlo
+	.venv/bin/mantis layout --quick --out out/quick/layout
+	.venv/bin/mantis fov --quick --out out/quick/fov
+	.venv/bin/mantis power --quick --out out/quick/power
+	.venv/bin/mantis comparison --quick --out out/quick/comparison
+	.venv/bin/mantis requirements --out out/quick/requirements
+	.venv/bin/mantis virtual --quick --require targets --out out/quick/virtual
+	.venv/bin/mantis features --quick --out out/quick/features
+
+# The documentation as a site, out/site/index.html; warnings are errors. It runs the notebook.
+docs: .venv/.docs-ready
+	$(PYTHON_VENV) -m sphinx -W --keep-going --quiet --fresh-env --jobs 2 -b html -d out/doctrees docs out/site
+	@echo "docs: out/site/index.html"
+
+.venv/.docs-ready: $(READY)
+	$(PYTHON_VENV) -m pip install --quiet --disable-pip-version-check --editable '.[docs]'
+	@touch $@
 
 bench: setup
 	$(PYTHON_VENV) benchmarks/variants.py

@@ -63,17 +63,17 @@ class Options:
         if self.json:
             import json
 
-            click.echo(json.dumps(_plain(data), indent=2, allow_nan=False))
+            click.echo(json.dumps(plain(data), indent=2, allow_nan=False))
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """Numbers, lists and strings of JSON for numpy arrays, paths and NaN."""
     if isinstance(value, dict):
-        return {str(k): _plain(v) for k, v in value.items()}
+        return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_plain(v) for v in value]
+        return [plain(v) for v in value]
     if hasattr(value, "tolist"):
-        return _plain(value.tolist())
+        return plain(value.tolist())
     if isinstance(value, float) and not abs(value) < float("inf"):
         return None
     return str(value) if isinstance(value, Path) else value
@@ -134,7 +134,32 @@ def with_progress(options: Options, work: Any) -> Any:
         return work(lambda done, total, label: bar.update(task, completed=done, total=total, description=label))
 
 
-@click.group(no_args_is_help=False, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+#: Verbs by what they are for, in the order of the help text; those not named here follow under a heading of their own.
+_GROUPS = {
+    "Begin": ("doctor", "new", "presets", "budget", "explore"),
+    "The chain by files": ("render", "expose", "detect", "calibrate", "marker", "materials", "sensor", "schema"),
+    "Studies": ("close", "glare", "validate", "features", "virtual", "sweep", "plot", "cache"),
+    "The thesis, recomputed": ("errata", "montecarlo", "tradeoff", "fov", "layout", "power", "comparison", "requirements"),
+}  # fmt: skip
+
+
+class Verbs(click.Group):
+    """Lists the verbs by what they are for, each with its first sentence in full."""
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the headings and the verbs below them."""
+        named = {name for names in _GROUPS.values() for name in names}
+        groups = {**_GROUPS, "More": tuple(name for name in sorted(self.commands) if name not in named)}
+        for heading, names in groups.items():
+            rows = [(name, self.commands[name].get_short_help_str(200)) for name in names if name in self.commands]
+            if rows:
+                with formatter.section(heading):
+                    formatter.write_dl(rows)
+
+
+@click.group(
+    cls=Verbs, no_args_is_help=False, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110}
+)
 @click.version_option(package_name="mantis-radiometry", prog_name="mantis")
 def mantis() -> None:
     """Does the optical navigation budget close, and if not, what must change?
@@ -144,12 +169,18 @@ def mantis() -> None:
     """
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Run the command line and return the exit status; errors are one line on standard error."""
+def with_verbs() -> click.Group:
+    """The command with all its verbs."""
     from experiments.verbs import stages, studies, thesis, tools
 
     for verb in (*stages.VERBS, *studies.VERBS, *thesis.VERBS, *tools.VERBS):
         mantis.add_command(verb)
+    return mantis
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line and return the exit status; errors are one line on standard error."""
+    with_verbs()
     try:
         # Without a word it says what there is, rather than that a verb is missing.
         mantis.main((sys.argv[1:] if arguments is None else arguments) or ["--help"], "mantis", standalone_mode=False)

@@ -42,6 +42,7 @@ PACKAGES = (
     "rich",
     "matplotlib",
     "jinja2",
+    "numba",
 )
 OLDEST_PYTHON = (3, 11)
 

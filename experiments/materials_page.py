@@ -62,7 +62,7 @@ def run(out_dir: Path | None = None, names: Sequence[str] = ()) -> list[Material
     """
     rows = [_row(library.load(name)) for name in names or library.available()]
     if out_dir is not None:
-        pairs = _pairs([row.name for row in rows])
+        pairs = fresh_and_worn([row.name for row in rows])
         write_text(as_csv(rows), out_dir / "data" / "materials.csv")
         save_svg(lobe_figure(pairs), out_dir / "figures" / "materials-lobes.svg")
         save_svg(spectrum_figure(pairs), out_dir / "figures" / "materials-spectra.svg")
@@ -97,7 +97,7 @@ def _row(material: Material) -> MaterialRow:
     )
 
 
-def _pairs(names: Sequence[str]) -> list[tuple[Material, Material | None]]:
+def fresh_and_worn(names: Sequence[str]) -> list[tuple[Material, Material | None]]:
     """Each material with its own end of life, where that was asked for too; one asked for alone stands alone."""
     pairs = []
     for name in names:

@@ -7,6 +7,8 @@ from functools import cache
 from importlib.resources import files
 from typing import Any
 
+from experiments.messages import nearest
+
 #: Sections that take a preset, and the data file in radiometry/data of those that are not the sensor's.
 SECTIONS = {"camera": "lenses", "filter": "filters", "leds": "leds", "sensor": None}
 
@@ -29,18 +31,28 @@ def expand(data: dict[str, Any]) -> dict[str, Any]:
     A sensor's preset also sets the camera's pixel grid, for the two are one piece of silicon.
 
     Raises:
-        ValueError: when a preset is unknown, naming those there are.
+        ValueError: when a preset is unknown, naming those there are, or stands where none is taken.
     """
     result = dict(data)
+    for section, fields in data.items():
+        if section == "preset" or (section not in SECTIONS and isinstance(fields, dict) and "preset" in fields):
+            key = section if section == "preset" else f"{section}.preset"
+            raise ValueError(f"{key}: unknown key; the sections {', '.join(SECTIONS)} take a preset")
     for section in SECTIONS:
         fields = result.get(section)
+        if isinstance(fields, str) and fields in presets(section):
+            raise ValueError(
+                f"{section}: {fields!r}, expected a section of keys; did you mean {section}.preset = {fields!r}?"
+            )
         if not isinstance(fields, dict) or "preset" not in fields:
             continue
         rest = {key: value for key, value in fields.items() if key != "preset"}
         known = presets(section)
         if fields["preset"] not in known:
+            near = nearest(str(fields["preset"]), list(known))
             raise ValueError(
                 f"{section}.preset: {fields['preset']!r} is unknown; expected one of {', '.join(sorted(known))}"
+                + (f"; did you mean {near!r}?" if near else "")
             )
         result[section] = {**known[fields["preset"]], **rest}
         if section == "sensor" and isinstance(camera := result.get("camera", {}), dict):

@@ -1,4 +1,28 @@
-"""Self-contained HTML reports: a verdict, then sections of text, figures, pictures and tables. Shared by every study.
+"""Self-contained HTML reports, shared by every study: verdict, evidence, assumptions with sources, how to make it again.
+
+How a study writes one::
+
+    from experiments.report import Card, Cell, Figures, Report, Section, Table, Text, figure, render
+    from experiments.report_sections import assumptions, reproduction
+
+    report = Report(
+        title=scenario.title,                     # what was looked at
+        study="Mantis glare",                     # which study this is; names the files that the page saves
+        headline="One sentence: the verdict.",
+        passed=True,                              # its colour and mark; None where there is nothing to pass
+        cards=(Card("eclipse", "1–10 m", "closes with automatic exposure", ("sampling fails beyond",), True),),
+        advice=("Lens: 39 mm closes 20 m.",),     # what follows; a word and a colon at the start are set bold
+        evidence=(Section("maps", "Where the Sun may stand", (Text(("…",)), Figures((figure(plot, "map", "caption"),)))),),
+        assumptions=tuple(assumptions(scenario)),
+        reproduction=tuple(reproduction(scenario, dataset.attrs, "mantis glare --quick")),
+    )
+    write_text(render(report), out / "report.html")
+
+The order of the four parts is the page's own; a study cannot change it. A study without a scenario makes its last two parts
+from any blocks and `report_sections.made_by`. Blocks are `Text`, `Bullets`, `Figures`, `Strip`, `Table`, `Download`, `Code` and
+`Details`. Every table can be sorted by a click on a heading and saved as CSV; give numbers as ``Cell(text, order=value)``, so
+that both go by the full number. Draw figures with `experiments.figures` (its palette, its fonts), each axis with quantity and
+unit.
 
 A report is plain data; `render` puts it into `templates/report.html`, which escapes every text. Only `svg` fields go in as they
 are: they must come from `figure` or from code that escapes for itself.
@@ -99,14 +123,14 @@ class Download:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows under headings; `groups` spans the headings as (text, columns). Sorted by a click on a heading where `sortable`."""
+    """Rows under headings; `groups` spans the headings as (text, columns). Saved as CSV, sorted by a click where `sortable`."""
 
     kind: ClassVar[str] = "table"
     headings: tuple[str, ...]
     rows: tuple[tuple[Cell, ...], ...]
     caption: str = ""
     groups: tuple[tuple[str, int], ...] = ()
-    sortable: bool = False
+    sortable: bool = True
     compact: bool = False
 
 
@@ -149,23 +173,25 @@ class Card:
     large: str
     note: str
     lines: tuple[str, ...]
-    passed: bool
+    passed: bool | None
     remarks_title: str = ""
     remarks: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Report:
-    """A page: title, one-sentence verdict, cards, advice, sections and a footer."""
+    """A page: what it is about, one-sentence verdict with cards and advice, evidence, assumptions, how to make it again."""
 
     title: str
     study: str
     headline: str
-    passed: bool
+    passed: bool | None
     cards: tuple[Card, ...]
     advice: tuple[str, ...]
-    sections: tuple[Section, ...]
-    footer: str
+    evidence: tuple[Section, ...]
+    assumptions: tuple[Block, ...]
+    reproduction: tuple[Block, ...]
+    footer: str = ""
 
 
 def render(report: Report) -> str:
@@ -194,6 +220,21 @@ def figure(plot: Plot, key: str, caption: str) -> Figure:
     head = re.sub(r'\s(?:width|height)="[^"]*"', "", head)
     label = Markup.escape(caption)
     return Figure(Markup(f'{head} id="{key}" role="img" aria-label="{label}">{body}'), caption)
+
+
+def text_table(rows: Sequence[Sequence[str]], caption: str = "", compact: bool = False) -> Table:
+    """A heading and rows of text as a table; columns that do not hold numbers are aligned left."""
+    heading, *lines = rows
+    numeric = [all(_NUMERIC.match(line[k]) for line in lines) for k in range(len(heading))]
+    cells = tuple(
+        tuple(Cell(text, style="" if number else "left") for text, number in zip(line, numeric, strict=True))
+        for line in lines
+    )
+    return Table(tuple(heading), cells, caption, compact=compact)
+
+
+#: A text that begins with a number, or says that there is none.
+_NUMERIC = re.compile(r"^(?:[×<>≤≥±~+−-]*\s*\d|[–—]?$|nan$|n/a$)")
 
 
 def csv_text(columns: Mapping[str, Iterable[object]]) -> str:

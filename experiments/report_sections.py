@@ -1,8 +1,11 @@
-"""Sections with which every report ends: definitions and assumptions with their sources, and how to make it again."""
+"""What every report ends with: definitions and assumptions with their sources, and how to make it again."""
 
 from __future__ import annotations
 
+import hashlib
+import platform
 from collections.abc import Iterator, Mapping
+from importlib.metadata import version
 
 from pydantic import BaseModel
 
@@ -74,17 +77,49 @@ def _parameters(model: BaseModel, prefix: str = "") -> Iterator[tuple[Cell, Cell
 
 
 def reproduction(scenario: Scenario, attributes: Mapping[str, object], command: str) -> Iterator[Block]:
-    """Command, seed, hash and versions of a dataset (its `attributes`, see `chain.provenance`), and the scenario as a file."""
+    """How to make a dataset of a scenario again (its `attributes`, see `chain.provenance`), and the scenario as a file."""
+    hashes = {"Scenario": str(attributes["scenario_hash"])}
+    versions = f"{attributes['software']}, {attributes['versions']}"
+    yield from made_by(command, scenario.seed, hashes, versions, str(attributes.get("history", "")))
     toml = toml_text(scenario.model_dump(mode="json"))
-    yield Code(command)
-    yield Bullets(
-        (
-            f"Seed {scenario.seed}; the same scenario and seed give the same figures.",
-            f"Scenario hash {attributes['scenario_hash']}.",
-            f"Versions: {attributes['software']}, {attributes['versions']}.",
-            f"Run: {attributes['history']}.",
-        )
+    yield Text(
+        ("The whole scenario, every default written out, for ‘mantis budget scenario.toml’ and the other verbs:",)
     )
-    yield Text(("Or save the whole scenario, every default written out, and run ‘mantis budget scenario.toml’:",))
     yield Download("Save scenario.toml", "scenario.toml", toml)
     yield Details("The scenario as TOML", (Code(toml),))
+
+
+def made_by(command: str, seed: int | None, hashes: Mapping[str, str], versions: str, run: str = "") -> Iterator[Block]:
+    """How to make something again.
+
+    Args:
+        command: the command line.
+        seed: of its random numbers; None where nothing is random.
+        hashes: by what they are of, say the input file or the data; see `digest`.
+        versions: of this project and what it stands on; see `versions_text`.
+        run: when it was made.
+    """
+    yield Code(command)
+    lines = [
+        "Nothing in it is random." if seed is None else f"Seed {seed}; the same input and seed give the same figures."
+    ]
+    lines += [f"{what}: hash {value}." for what, value in hashes.items()]
+    lines += [f"Versions: {versions}.", *([f"Run: {run}."] if run else [])]
+    yield Bullets(tuple(lines))
+
+
+def versions_text(*packages: str) -> str:
+    """Versions of this project, of some packages and of Python, as `chain.provenance` writes them."""
+    names = ("mantis-radiometry", *packages)
+    return ", ".join([*(f"{name} {version(name)}" for name in names), f"python {platform.python_version()}"])
+
+
+def digest(data: str | bytes) -> str:
+    """SHA-256 of a text or of bytes, its first 16 hexadecimal digits."""
+    return hashlib.sha256(data.encode() if isinstance(data, str) else data).hexdigest()[:16]
+
+
+def footer(attributes: Mapping[str, object]) -> str:
+    """One line: software, scenario and run of a dataset."""
+    parts = (attributes["software"], f"scenario {attributes['scenario_hash']}", attributes.get("history"))
+    return " · ".join(str(part) for part in parts if part)

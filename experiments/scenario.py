@@ -5,18 +5,19 @@ Every package owns its own parameter model; this module only composes them.
 
 from __future__ import annotations
 
-import difflib
 import hashlib
 import json
 import tomllib
+from collections.abc import Iterator, Mapping
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from detector.sensor import Sensor
+from experiments import messages
 from experiments.presets import SECTIONS, clear_for_preset, expand, presets
 from materials import library
 from radiometry.closure import Requirement
@@ -33,7 +34,10 @@ Light = Literal["eclipse", "sun"]
 
 DEFAULT_SCENARIO = "default"
 #: Keys of [target] that name a material: one of the library, or a path of a data file.
-MATERIAL_KEYS = ("face_material", "tape_material", "absorber_material")
+MATERIAL_KEYS = tuple(key for key in Target.model_fields if key.endswith("_material"))
+
+#: The one key that takes true and false, beside numbers; elsewhere pydantic would take them for 1 and 0.
+SWITCH = "sensor.blooming"
 
 
 class ScenarioError(ValueError):
@@ -62,10 +66,10 @@ class RenderQuality(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     frame_samples: Annotated[int, Field(ge=1, le=16)] = Field(
-        2, description="sub-pixels along a pixel's side, outside the marker"
+        1, description="rays along a pixel's side, outside the marker"
     )
     marker_rays: Annotated[int, Field(ge=10_000, le=50_000_000)] = Field(
-        2_000_000, description="rays on the marker's surroundings"
+        4_000_000, description="most rays on the marker's surroundings; fewer where they suffice"
     )
     wavelength_nodes: Annotated[int, Field(ge=4, le=64, multiple_of=4)] = Field(
         4, description="wavelengths rendered, in groups of four"
@@ -117,6 +121,14 @@ class Scenario(BaseModel):
     render: RenderQuality = RenderQuality()
     budget: BudgetPlan = BudgetPlan()
     requirement: Requirement = Requirement()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _no_switches(cls, data: Any) -> Any:
+        for key in _switches(data):
+            if key != SWITCH:
+                raise ValueError(f"{key}: true or false, expected a number or text; {SWITCH} alone is a switch")
+        return data
 
     @model_validator(mode="before")
     @classmethod
@@ -174,6 +186,43 @@ class Scenario(BaseModel):
         """A copy with some top-level keys changed, validated anew."""
         return Scenario.model_validate({**self.model_dump(), **changes})
 
+    def changed(self, *overrides: str) -> Scenario:
+        """A copy with changes as `--set` takes them: ``scenario.changed("leds.count=20", "sensor.preset=imx287")``.
+
+        Raises:
+            ScenarioError: one line that names the key, the value, and what was expected.
+        """
+        data = self.model_dump()
+        for override in overrides:
+            apply_override(data, override)
+        return validate(data)
+
+    def with_values(self, values: Mapping[str, Any]) -> Scenario:
+        """A copy with values by dotted key, say ``{"leds.count": 20}``.
+
+        Raises:
+            ScenarioError: one line that names the key, the value, and what was expected.
+        """
+        data = self.model_dump()
+        for key, value in values.items():
+            set_key(data, key, value)
+        return validate(data)
+
+    def explain(self, key: str) -> str:
+        """What a key means, takes, is by default, and is here: ``scenario.explain("leds.half_angle_deg")``.
+
+        Raises:
+            ValueError: when there is no such key, naming the nearest.
+        """
+        from experiments.keys import explained
+
+        return explained(key, self)
+
+    def _repr_html_(self) -> str:
+        from experiments.notebook import scenario_html
+
+        return scenario_html(self)
+
 
 def load_scenario(source: str | Path | None = None, overrides: tuple[str, ...] = ()) -> Scenario:
     """Read a scenario file, or a shipped one by name, and apply ``key=value`` overrides.
@@ -200,7 +249,7 @@ def load_data(source: str | Path | None = None, overrides: tuple[str, ...] = ())
         raise ScenarioError(f"{source}: cannot be read ({error.strerror})") from error
     _find_materials(data, path.parent)
     for override in overrides:
-        _apply(data, override)
+        apply_override(data, override)
     return data
 
 
@@ -224,7 +273,12 @@ def json_schema() -> dict[str, Any]:
         properties = schema["$defs"][reference.rsplit("/", 1)[1]]["properties"]
         description = "fills this section; keys written beside it win"
         properties["preset"] = {"type": "string", "enum": sorted(presets(section)), "description": description}
-    return schema
+    names = {"anyOf": [{"enum": list(library.available())}, {"type": "string", "pattern": r"\.toml(_eol)?$"}]}
+    for key in MATERIAL_KEYS:
+        told = schema["$defs"]["Target"]["properties"][key]
+        told.update(names)
+        told.pop("type")
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "Mantis scenario", **schema}
 
 
 def shipped_scenarios() -> tuple[str, ...]:
@@ -236,6 +290,15 @@ def shipped_scenarios() -> tuple[str, ...]:
             if f.name.endswith(".toml")
         )
     )
+
+
+def _switches(data: Any, key: str = "") -> Iterator[str]:
+    """Dotted keys whose value is, or holds, true or false."""
+    if isinstance(data, dict):
+        for name, value in data.items():
+            yield from _switches(value, f"{key}.{name}" if key else str(name))
+    elif isinstance(data, bool) or (isinstance(data, (list, tuple)) and any(isinstance(v, bool) for v in data)):
+        yield key
 
 
 def _find(source: str | Path | None) -> Path:
@@ -257,7 +320,12 @@ def _find_materials(data: dict[str, Any], folder: Path) -> None:
             target[key] = str(folder.resolve() / name)
 
 
-def _apply(data: dict[str, Any], override: str) -> None:
+def apply_override(data: dict[str, Any], override: str) -> None:
+    """Set a key of nested data as ``key=value`` says; the value is TOML, a bare word a string.
+
+    Raises:
+        ScenarioError: when it has no key or no value, or as `set_key`.
+    """
     key, separator, text = override.partition("=")
     if not separator or not key.strip():
         raise ScenarioError(f"--set {override}: expected key=value, say leds.count=50")
@@ -286,55 +354,10 @@ def set_key(data: dict[str, Any], key: str, value: Any) -> None:
 
 
 def explain(error: ValidationError, root: type[BaseModel] | None = None) -> str:
-    """One line about the first thing wrong with a model's data, and how many more there are."""
-    root = root or Scenario
-    first, *rest = error.errors(include_url=False)
-    location = _location(first["loc"])
-    key = ".".join(str(part) for part in location) or "scenario"
-    others = {tuple(_location(e["loc"])) for e in rest} - {tuple(location)}
-    more = f" (and {len(others)} more)" if others else ""
-    if first["type"] == "extra_forbidden":
-        near = difflib.get_close_matches(str(location[-1]), _keys_beside(location, root), n=1, cutoff=0.5)
-        meant = [*location[:-1], *near]
-        about = describe(meant, root)
-        hint = f"; did you mean {'.'.join(map(str, meant))!r}{f' ({about})' if about else ''}?" if near else ""
-        return f"{key}: unknown key{hint}{more}"
-    if first["type"] == "value_error":
-        message = str(first["ctx"]["error"]) if "ctx" in first else first["msg"]
-        return (message if not location else f"{key}: {message}") + more
-    about = describe(location, root)
-    expected = first["msg"].replace("Input should be", "expected").split(", unable")[0]
-    return f"{key}: {first['input']!r}, {expected}{f' ({about})' if about else ''}{more}"
-
-
-def _location(loc: tuple[int | str, ...]) -> list[int | str]:
-    """Keys and indices alone: members of a union (a number or 'auto') are named by their type at the location's end."""
-    return [part for part in loc if isinstance(part, int) or part.isidentifier()]
-
-
-def _model_at(location: list[Any], root: type[BaseModel]) -> type[BaseModel] | None:
-    model: Any = root
-    for part in location:
-        field = model.model_fields.get(part) if isinstance(model, type) and issubclass(model, BaseModel) else None
-        if field is None:
-            return None
-        # A section that may be absent is a union with None.
-        kinds = [kind for kind in get_args(field.annotation) if kind is not type(None)]
-        model = kinds[0] if len(kinds) == 1 else field.annotation
-    return model if isinstance(model, type) and issubclass(model, BaseModel) else None
-
-
-def _keys_beside(location: list[Any], root: type[BaseModel]) -> list[str]:
-    model = _model_at(location[:-1], root)
-    return list(model.model_fields) if model else []
+    """One line about the first thing wrong with a model's data, a scenario's by default; see `experiments.messages`."""
+    return messages.explain(error, root or Scenario)
 
 
 def describe(location: list[Any], root: type[BaseModel] | None = None) -> str:
-    """Description of the innermost known key of a location; empty where there is none."""
-    names = [part for part in location if isinstance(part, str)]
-    while names:
-        model = _model_at(names[:-1], root or Scenario)
-        if model is not None and names[-1] in model.model_fields:
-            return model.model_fields[names[-1]].description or ""
-        names.pop()
-    return ""
+    """Description of the innermost known key of a location, a scenario's by default; empty where there is none."""
+    return messages.describe(location, root or Scenario)

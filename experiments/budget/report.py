@@ -30,7 +30,7 @@ from experiments.report import (
     figure,
     render,
 )
-from experiments.report_sections import assumptions, reproduction
+from experiments.report_sections import assumptions, footer, reproduction
 from experiments.scenario import Scenario
 from experiments.wording import LIGHT_NAMES, number, percent, ranges_text, seconds_text
 
@@ -54,15 +54,20 @@ def render_budget_report(result: BudgetResult, command: str = "mantis budget") -
         Section("table", "Range by range", tuple(_tables(result, summary))),
         Section("matrix", "Which criterion fails where", tuple(_matrices(result, summary))),
         Section("models", "The thesis's budget: printed, repaired, right", tuple(three_models())),
-        Section("assumptions", "Assumptions and definitions", tuple(assumptions(result.scenario)), wordy=True),
-        Section("reproduce", "Make it again", tuple(reproduction(result.scenario, result.dataset.attrs, command))),
     )
-    attributes = result.dataset.attrs
-    footer = f"{attributes['software']} · scenario {attributes['scenario_hash']} · {attributes['history']}"
-    title, study = result.scenario.title, "Mantis optical navigation budget"
+    scenario, attributes = result.scenario, result.dataset.attrs
     return render(
         Report(
-            title, study, summary.headline, summary.closes, _cards(result, summary), summary.advice, sections, footer
+            scenario.title,
+            "Mantis optical navigation budget",
+            summary.headline,
+            summary.closes,
+            _cards(result, summary),
+            summary.advice,
+            sections,
+            tuple(assumptions(scenario)),
+            tuple(reproduction(scenario, attributes, command)),
+            footer(attributes),
         )
     )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from concurrent.futures import Future
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
@@ -125,6 +126,12 @@ def exposure_label(exposure: float | str) -> str:
     return f"{exposure / scale:.3g} {unit}"
 
 
+def exposure_labels(exposures: Sequence[float | str]) -> list[str]:
+    """What each of a plan's exposures is called, no two alike: those that three digits do not tell apart in full."""
+    labels = [exposure_label(e) for e in exposures]
+    return [f"{e} s" if labels.count(label) > 1 else label for e, label in zip(exposures, labels, strict=True)]
+
+
 def _dataset(scenario: Scenario, cases: list[list[Trials]], known: list[dict[str, list[float]]]) -> xr.Dataset:
     plan = scenario.budget
     shape = (len(plan.ranges_m), len(plan.lights), len(plan.exposures_s))
@@ -155,7 +162,7 @@ def _dataset(scenario: Scenario, cases: list[list[Trials]], known: list[dict[str
         coords={
             "range_m": ("range_m", np.array(plan.ranges_m), {"units": "m", "long_name": "range"}),
             "light": ("light", list(plan.lights), {"long_name": "illumination"}),
-            "exposure": ("exposure", [exposure_label(e) for e in plan.exposures_s], {"long_name": "exposure"}),
+            "exposure": ("exposure", exposure_labels(plan.exposures_s), {"long_name": "exposure"}),
             "trial": ("trial", np.arange(plan.trials), {"long_name": "noise draw"}),
         },
         attrs={

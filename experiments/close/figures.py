@@ -92,7 +92,7 @@ def binding(study: Study) -> Figure:
     _log_axis(axes.yaxis)
     axes.set_ylim(0.8, 1000)
     _range_axis(axes)
-    axes.set_ylabel("margin: factor by which it is met")
+    axes.set_ylabel("margin: factor by which it is met [–]")
     figure.legend(loc="outside lower center", ncols=5, fontsize=8)
     return figure
 
@@ -140,7 +140,7 @@ def tornado_figure(study: Study) -> Figure:
         axes.xaxis.set_major_locator(FixedLocator([0.2, 0.3, 0.5, 0.7, 1, 1.5, 2, 3, 5]))
         axes.xaxis.set_minor_locator(NullLocator())
         axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        axes.set_xlabel(f"smallest margin of\n{', '.join(criteria)}")
+        axes.set_xlabel(f"smallest margin [–] of\n{', '.join(criteria)}")
 
     panel(grid[0, 0], tornado.following, lambda b: b.following, "Exposure follows the light", FOLLOWING)
     panel(grid[0, 1], tornado.frozen, lambda b: b.frozen, "Ladder flown as it stands", FROZEN)
@@ -187,7 +187,7 @@ def confirmation(study: Study, records: list[dict[str, Any]]) -> Figure:
     mine = [r for r in records if r["set"] == study.lead.label]
     limits = study.base.requirement
     for axes, key, label, limit in (
-        (grid[0, 0], "cnr_rendered", "CNR of a bit", limits.cnr_min),
+        (grid[0, 0], "cnr_rendered", "CNR of a bit [–]", limits.cnr_min),
         (grid[0, 1], "attitude_error_p95_deg", "attitude error, 95th percentile [°]", limits.attitude_error_max_deg),
     ):
         for i, view in enumerate(study.constraints.confirm.views):

@@ -134,11 +134,11 @@ def dimmed(case: xr.Dataset) -> Figure:
             )
         axis.set(
             xscale="log",
-            xlabel="LED light over sunlight on the bits",
+            xlabel="LED light over sunlight on the bits [–]",
             title=f"phase angle {phase:g}°",
             ylim=(-0.1, 4.1),
         )
-    axes[0, 0].set_ylabel("blobs found, of four")
+    axes[0, 0].set_ylabel("blobs found, of four [–]")
     axes[0, -1].legend(loc="lower right", frameon=True)
     return figure
 

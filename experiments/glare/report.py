@@ -49,7 +49,7 @@ from experiments.report import (
     figure,
     render,
 )
-from experiments.report_sections import assumptions, reproduction
+from experiments.report_sections import assumptions, footer, reproduction
 from experiments.scenario import Scenario
 
 #: The mode for which the target is stated.
@@ -118,7 +118,7 @@ CAPTIONS = {
 
 
 def write(result: GlareResult, out: Path, command: str) -> None:
-    """Write glare.html, glare.md, glare.nc, data/glare.csv and figures/glare-*.svg into a folder."""
+    """Write report.html, glare.md, glare.nc, data/glare.csv and figures/glare-*.svg into a folder."""
     write_netcdf(result.dataset, out / "glare.nc")
     frame = result.summary.drop_vars("px_per_bit").to_dataframe().reset_index()
     write_text(csv_text({c: [_plain(v) for v in frame[c]] for c in frame}), out / "data" / "glare.csv")
@@ -126,7 +126,7 @@ def write(result: GlareResult, out: Path, command: str) -> None:
     for name, plot in plots.items():
         save_svg(plot, out / "figures" / f"{name}.svg")
     write_text(page(result, command), out / "glare.md")
-    write_text(html(result, command, plots), out / "glare.html")
+    write_text(html(result, command, plots), out / "report.html")
 
 
 def _plain(value: object) -> object:
@@ -313,14 +313,21 @@ def html(result: GlareResult, command: str, plots: dict[str, Plot]) -> str:
         Section("gallery", "Worst frames", (_strip(result),)),
         Section("whole", "False positives", (whole,)),
         Section("how", "How, and what is left out", (Bullets(tuple(how(result))), Text(("Left out:",)), Bullets(MISSING))),
-        Section("assumptions", "Assumptions and definitions", tuple(assumptions(result.scenario)), wordy=True),
-        Section("reproduce", "Make it again", tuple(reproduction(result.scenario, result.dataset.attrs, command))),
     )  # fmt: skip
-    attributes = result.dataset.attrs
-    footer = f"{attributes['software']} · scenario {attributes['scenario_hash']} · {attributes['history']}"
-    met = verdicts(result.summary, TARGET_MODE)[0]
+    scenario, attributes = result.scenario, result.dataset.attrs
     return render(
-        Report(result.scenario.title, "Mantis sun glare", headline(result), met, _cards(result), (), sections, footer)
+        Report(
+            scenario.title,
+            "Mantis sun glare",
+            headline(result),
+            verdicts(result.summary, TARGET_MODE)[0],
+            _cards(result),
+            (),
+            sections,
+            tuple(assumptions(scenario)),
+            tuple(reproduction(scenario, attributes, command)),
+            footer(attributes),
+        )
     )
 
 

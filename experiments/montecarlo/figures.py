@@ -246,7 +246,7 @@ def validation_figure(convergence: xr.Dataset, far: xr.Dataset) -> Any:
     right.xaxis.set_minor_locator(NullLocator())
     right.xaxis.set_major_formatter(ScalarFormatter())
     right.set_xlabel("range [m]")
-    right.set_ylabel("mean error, outliers left out")
+    right.set_ylabel("mean error, outliers left out [deg or m]")
     right.legend(fontsize=8)
     return figure
 
@@ -305,17 +305,21 @@ def single_figure(single: xr.Dataset) -> Any:
     return figure
 
 
-def write_figures(parts: Mapping[str, xr.Dataset], out_dir: Path) -> None:
-    """Every figure as montecarlo-<name>.svg."""
-    figures = {
+def figures(parts: Mapping[str, xr.Dataset]) -> dict[str, Any]:
+    """Every figure by name."""
+    drawn = {
         str(layout): performance_figure(parts["performance"], str(layout))
         for layout in parts["performance"].layout.values
     }
-    figures |= {
+    return drawn | {
         "convergence": convergence_figure(parts["convergence"]),
         "validation": validation_figure(parts["convergence"], parts["far"]),
         "outliers": outlier_figure(parts["performance"]),
         "single": single_figure(parts["single"]),
     }
-    for name, figure in figures.items():
+
+
+def write_figures(parts: Mapping[str, xr.Dataset], out_dir: Path) -> None:
+    """Every figure as montecarlo-<name>.svg."""
+    for name, figure in figures(parts).items():
         save_svg(figure, out_dir / f"montecarlo-{name}.svg")

@@ -51,7 +51,7 @@ def agreement(dataset: xr.Dataset) -> Figure:
         axis.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
         axis.minorticks_off()
     for axis in axes[-1]:
-        axis.set_xlabel("pixels per bit")
+        axis.set_xlabel("pixels per bit [px]")
     for axis in axes[:, 0]:
         axis.set_ylabel("rendered / closed form − 1  [%]")
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4, markerscale=2)

@@ -49,7 +49,6 @@ EFFECTS = {
 #: What the closed form leaves out, or the renderer adds, relative to the signal and to the background.
 REMAINDERS = {
     "facets": "crinkles of the foil beside the marker (rendered with against without them)",
-    "sub_pixels": "kernel held constant over a rendered sub-pixel",
     "monte_carlo": "standard deviation over renderings with different seeds",
 }
 #: Sensor name that stands for the scenario's own.
@@ -260,15 +259,9 @@ class _Bits:
         if scenario.marker.bit_m * min(chain.bit_scale_px(chain.view(scenario))) < FACETS_PX_PER_BIT:
             flat = scenario.at(target=scenario.target.model_dump() | {"facet_slope_deg": 0.0})
             result[0] = rendered / self._rendered(flat, light, chain.transport(flat))[1] - 1
-        # A jittered sample weighted by its sub-pixel's mean: two boxes of the sub-pixel's width widen the kernel.
-        step2 = 1 / float(basis.attributes["marker_samples_per_pixel"])
-        sigma = float(np.sqrt(scenario.camera.psf_sigma_px**2 + step2 / 6))
-        wider = scenario.model_copy(update={"camera": scenario.camera.model_copy(update={"psf_sigma_px": sigma})})
-        exact, widened = chain.link_budget(scenario, light), chain.link_budget(wider, light)
-        result[1] = widened.signal_rate / exact.signal_rate - 1, widened.background_rate / exact.background_rate - 1
         # The LEDs were rendered under every Sun with another seed; the Sun's own light has no angle to choose but its disc's.
         repeats = np.array([self._rendered(scenario, "eclipse", b)[1] for b in self.bases])
-        result[2] = repeats.std(axis=0, ddof=1) / rendered if len(repeats) > 1 else np.nan
+        result[1] = repeats.std(axis=0, ddof=1) / rendered if len(repeats) > 1 else np.nan
         return result
 
 

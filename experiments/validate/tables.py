@@ -74,7 +74,7 @@ def summary(dataset: xr.Dataset) -> dict[str, float]:
             float(size.where(side).max()) for side in (fine, ~fine)
         )
     for quantity in ("signal", "background"):
-        known = dataset.remainder.sel(quantity=quantity, source=["facets", "sub_pixels"]).sum("source")
+        known = dataset.remainder.sel(quantity=quantity, source="facets")
         result[f"{quantity}_unexplained"] = float(abs(dataset[f"{quantity}_difference"] - known).max())
     # The variances' scores as a normal variable would have them; pooled over all cells their ratio is 1.
     freedom = dataset.noise_freedom.values

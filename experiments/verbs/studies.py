@@ -2,42 +2,65 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import click
 
-from experiments.cli import Options, RequirementNotMet, announce_variant, shared_options, with_progress
+from experiments.cli import (
+    EnvironmentLacking,
+    Options,
+    RequirementNotMet,
+    announce_variant,
+    shared_options,
+    with_progress,
+)
+from experiments.verbs.measuring import calibrate, features
 
 
 @click.command()
 @click.argument("plan", metavar="SWEEP.toml", type=click.Path(path_type=Path))
 @click.option("--resume", is_flag=True, help="Go on with an interrupted sweep.")
-@click.option(
-    "--workers", type=click.IntRange(1), help="Processes; default one a core. The result does not depend on it."
-)
+@click.option("--workers", type=click.IntRange(1), help="Processes on this machine; default none beside this one.")
+@click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers do the work, say tcp://host:8786.")
 @shared_options
-def sweep(options: Options, plan: Path, resume: bool, workers: int | None) -> None:
-    """Run a grid, list or sample over any scenario keys into one labelled dataset (--out FILE.nc)."""
+def sweep(options: Options, plan: Path, resume: bool, workers: int | None, scheduler: str | None) -> None:
+    """Run a grid, list or sample over any scenario keys into one labelled dataset (--out FILE.nc or FILE.zarr).
+
+    The dataset is the same to the last bit whoever computes it: this process, --workers processes, or a Dask cluster's.
+    """
+    from functools import partial
+
     from experiments.sweep import study
+    from experiments.workers import Cluster, Crew, Processes
 
     if options.out is None:
-        raise click.UsageError("sweep: give --out FILE.nc")
+        raise click.UsageError("sweep: give --out FILE.nc or FILE.zarr")
+    if workers is not None and scheduler is not None:
+        raise click.UsageError("sweep: give --workers or --scheduler, not both")
     overrides = options.overrides if options.seed is None else (*options.overrides, f"seed={options.seed}")
     cases = study.load_sweep(plan, overrides)
-    announce_variant(options)
-    outcome = with_progress(
-        options, lambda tell: study.run_sweep(cases, options.out, resume=resume, workers=workers, progress=tell)
-    )
-    failed = int((outcome.dataset.reason != "").sum())
+    crew: Callable[[], Crew] | None = None
+    if scheduler is not None:
+        crew = partial(Cluster, scheduler)
+    else:
+        announce_variant(options)
+        crew = partial(Processes, workers) if workers is not None else None
+    try:
+        outcome = with_progress(
+            options, lambda tell: study.run_sweep(cases, options.out, resume=resume, crew=crew, progress=tell)
+        )
+    except (ImportError, RuntimeError) as error:
+        raise EnvironmentLacking(str(error)) from error
     rendered = (
         f"{outcome.rendered} geometries rendered" if outcome.rendered else "nothing rendered, all transport was cached"
     )
-    options.say(
-        f"{len(cases.scenarios)} cases, {outcome.computed} computed now, {rendered}; {failed} with a reason: {options.out}"
-    )
+    failed = f"; {outcome.failed} could not be computed, see `reason`" if outcome.failed else ""
+    options.say(f"{len(cases.scenarios)} cases, {outcome.computed} computed now, {rendered}{failed}: {options.out}")
     options.emit(
-        {"out": options.out, "cases": len(cases.scenarios), "computed": outcome.computed, "rendered": outcome.rendered}
-    )
+        {"out": options.out, "cases": len(cases.scenarios), "computed": outcome.computed, "rendered": outcome.rendered,
+         "failed": outcome.failed}
+    )  # fmt: skip
 
 
 @click.command()
@@ -59,9 +82,9 @@ def cache(options: Options, clear: bool) -> None:
 
 
 @click.command()
-@click.argument("results", metavar="RESULTS.nc", type=click.Path(path_type=Path))
+@click.argument("results", metavar="RESULTS", type=click.Path(path_type=Path))
 @click.option("--x", required=True, help="Dimension along the axis, say range_m.")
-@click.option("--y", required=True, help="Variable to draw, say cnr_analytic.")
+@click.option("--y", required=True, help="Variable to draw, say cnr: closed form and rendered.")
 @click.option("--hue", help="Dimension that separates the lines, say exposure_s.")
 @click.option("--select", multiple=True, metavar="DIM=VALUE", help="Fix another dimension; default its first value.")
 @shared_options
@@ -87,10 +110,11 @@ def plot(options: Options, results: Path, x: str, y: str, hue: str | None, selec
 def validate(options: Options, scenario: str | None, quick: bool, require: str | None) -> None:
     """Closed form against rendering over range, marker size, tilt, light and sensor, with an error budget and cross-checks.
 
-    SCENARIO gives camera, LEDs and materials. Writes results.nc, cells.csv, crosschecks.csv and two figures into the folder --out
-    (default out/validate).
+    SCENARIO gives camera, LEDs and materials. Writes report.html, results.nc, cells.csv, crosschecks.csv and two figures into the
+    folder --out (default out/validate).
     """
-    from experiments.validate import crosscheck, study
+    from experiments.files import write_text
+    from experiments.validate import crosscheck, report, study
     from experiments.validate import tables as validate_tables
 
     chosen, out = options.scenario(scenario), options.out or Path("out/validate")
@@ -98,7 +122,10 @@ def validate(options: Options, scenario: str | None, quick: bool, require: str |
     announce_variant(options)
     dataset = with_progress(options, lambda tell: study.run(out, quick, tell, scenario=chosen))
     checks, indirect = crosscheck.run(chosen, out)
-    options.say(*validate_tables.tables(dataset, checks, indirect), f"Table, data and figures: {out}")
+    command = " ".join(["mantis validate", *([scenario] if scenario else []), *(["--quick"] if quick else [])])
+    command += "".join(f" --set {o}" for o in options.overrides)
+    write_text(report.html(dataset, checks, indirect, chosen, command), out / "report.html")
+    options.say(*validate_tables.tables(dataset, checks, indirect), f"Report and data: {out / 'report.html'}")
     outside = [
         *validate_tables.outside(dataset),
         *(f"{c.what} differs from {c.by} by {c.difference:.2%}" for c in checks if not c.agrees),
@@ -136,13 +163,12 @@ def close(
     limits, base = load_constraints(constraints, options.overrides, options.seed)
     out, limits = options.out or Path("out/close"), study.quick(limits) if quick else limits
     found = study.study(limits, base, study.QUICK_DRAWS if quick else study.DRAWS)
-    chosen = {p.label: p for p in (found.to_confirm[:1] + found.to_confirm[-1:] if quick else found.to_confirm)}
+    every = found.to_confirm
+    chosen = (every[:1] + every[-1:] if len(every) > 1 else every) if quick else every
     records = []
     if chosen and not no_render:
         announce_variant(options)
-        records = with_progress(
-            options, lambda tell: close_confirm.confirm(tuple(chosen.values()), limits, base, tell, workers)
-        )
+        records = with_progress(options, lambda tell: close_confirm.confirm(chosen, limits, tell, workers))
     command = " ".join(["mantis close", *([str(constraints)] if constraints else []), *(["--quick"] if quick else [])])
     close_report.write(found, records, out, command + "".join(f" --set {o}" for o in options.overrides))
     confirmed = close_confirm.summarise(records)
@@ -179,7 +205,7 @@ def glare(
 ) -> None:
     """Detection and pose over the Sun's direction and range, counter-measure by counter-measure.
 
-    Takes some ten minutes in full on two idle cores. Writes glare.html, glare.md, figures and data into the folder --out
+    Takes some ten minutes in full on two idle cores. Writes report.html, glare.md, figures and data into the folder --out
     (default out/glare).
     """
     from experiments.console import plain_table
@@ -202,4 +228,4 @@ def glare(
         raise RequirementNotMet(study.headline(result))
 
 
-VERBS: tuple[click.Command, ...] = (sweep, cache, plot, validate, close, glare)
+VERBS: tuple[click.Command, ...] = (sweep, cache, plot, validate, close, glare, features, calibrate)

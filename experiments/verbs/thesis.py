@@ -6,7 +6,8 @@ from pathlib import Path
 
 import click
 
-from experiments.cli import Options, shared_options
+from experiments.cli import Options, RequirementNotMet, announce_variant, shared_options, with_progress
+from experiments.verbs import system
 
 
 @click.command()
@@ -23,7 +24,11 @@ def errata(options: Options) -> None:
     dataset = study.run(options.out)
     options.say(*errata_page.tables(dataset))
     if options.out is not None:
-        options.say(f"Page, figures and data: {options.out / 'thesis-errata.md'}")
+        from experiments.errata.report import html
+        from experiments.files import write_text
+
+        write_text(html(dataset, "mantis errata"), options.out / "report.html")
+        options.say(f"Report: {options.out / 'report.html'}   Page: {options.out / 'thesis-errata.md'}")
     options.emit(errata_page.facts(dataset))
 
 
@@ -36,14 +41,21 @@ def tradeoff(options: Options, problem: Path | None) -> None:
     Writes scores, sensitivities and figures into the folder --out (default out/tradeoff).
     """
     from experiments.console import plain_table
-    from experiments.tradeoff import study
+    from experiments.files import write_text
+    from experiments.tradeoff import report, study
 
     out = options.out or Path("out/tradeoff")
     result = study.run(out, problem)
+    cells = study.thesis_cells() if problem is None else []
+    text = (problem or study.THESIS_PROBLEM).read_text(encoding="utf-8")
+    command = f"mantis tradeoff {problem}" if problem else "mantis tradeoff"
+    write_text(report.html(result, text, cells, command), out / "report.html")
     rows = {"Scores": study.summary_rows(result)}
     if problem is None:
-        rows["The thesis's printed cells, by verdict"] = study.verdict_rows(study.thesis_cells())
-    options.say(*(plain_table(title, *lines) for title, lines in rows.items()), f"Figures and data: {out}")
+        rows["The thesis's printed cells, by verdict"] = study.verdict_rows(cells)
+    options.say(
+        *(plain_table(title, *lines) for title, lines in rows.items()), f"Report and data: {out / 'report.html'}"
+    )
     options.emit(
         {
             "out": out,
@@ -61,14 +73,64 @@ def montecarlo(options: Options, quick: bool) -> None:
     Takes some ten minutes in full. Writes tables, figures and montecarlo.nc into the folder --out (default out/montecarlo).
     """
     from experiments.console import plain_table
-    from experiments.montecarlo import study
+    from experiments.files import write_text
+    from experiments.montecarlo import report, study
     from experiments.montecarlo.figures import summary_rows
 
-    out = options.out or Path("out/montecarlo")
-    tree = study.run(out, 1 if options.seed is None else options.seed, quick)
-    header, *rows = summary_rows({"performance": tree["performance"].to_dataset()})
-    options.say(plain_table("Outliers of pose from points", header, *rows), f"Tables, figures and data: {out}")
+    out, seed = options.out or Path("out/montecarlo"), 1 if options.seed is None else options.seed
+    tree = study.run(out, seed, quick)
+    parts = {name: node.to_dataset() for name, node in tree.children.items()}
+    command = " ".join(
+        ["mantis montecarlo", *(["--quick"] if quick else []), *([f"--seed {seed}"] if seed != 1 else [])]
+    )
+    write_text(report.html(parts, seed, command), out / "report.html")
+    header, *rows = summary_rows(parts)
+    options.say(plain_table("Outliers of pose from points", header, *rows), f"Report and data: {out / 'report.html'}")
     options.emit({"out": out, "outliers": [dict(zip(header, row, strict=True)) for row in rows]})
 
 
-VERBS: tuple[click.Command, ...] = (errata, tradeoff, montecarlo)
+@click.command()
+@click.option("--quick", is_flag=True, help="Three tests of some frames each: a first look.")
+@click.option(
+    "--step", "step_deg", type=click.FloatRange(0.01, 30), help="Steps of tilt [deg]; default the thesis's 0.1."
+)
+@click.option("--workers", type=click.IntRange(1), help="Processes that look at the frames; default one a core.")
+@click.option("--require", type=click.Choice(["targets"]), help="Exit status 4 where Mantis misses a target.")
+@shared_options
+def virtual(options: Options, quick: bool, step_deg: float | None, workers: int | None, require: str | None) -> None:
+    """The virtual experiment of table 8.1: pitch, range and detection over tilt, Mantis against other fiducials, all rendered.
+
+    Takes some fifteen minutes in full. Writes report.html, virtual.md, virtual.nc, data and figures into the folder --out
+    (default out/virtual).
+    """
+    from experiments.console import plain_table
+    from experiments.virtual import page as virtual_page
+    from experiments.virtual import summary, targets
+
+    scenario, out = targets.load(options.overrides, options.seed), options.out or Path("out/virtual")
+    announce_variant(options)
+    words = [
+        "mantis virtual",
+        "--quick" if quick else "",
+        f"--step {step_deg:g}" if step_deg else "",
+        *(f"--set {o}" for o in options.overrides),
+    ]
+    words += [f"--seed {options.seed}"] if options.seed is not None else []
+    command = " ".join(word for word in words if word)
+    page, result = with_progress(
+        options, lambda tell: virtual_page.run(scenario, out, command, quick, workers, tell, step_deg)
+    )
+    header, *rows = summary.rows(result.summary)
+    shown = [[row[k].replace("[", "(").replace("]", ")") for k in summary.TERMINAL] for row in (header, *rows)]
+    options.say(
+        page.headline, *(f"→ {line}" for line in page.answers), plain_table("Tests", *shown),
+        f"Report and data: {out / 'report.html'}",
+    )  # fmt: skip
+    short = summary.missed(result.summary)
+    tests = [dict(zip(header, row, strict=True)) for row in rows]
+    options.emit({"headline": page.headline, "missed": short, "out": out, "tests": tests})
+    if require and short:
+        raise RequirementNotMet(short[0])
+
+
+VERBS: tuple[click.Command, ...] = (errata, tradeoff, montecarlo, virtual, *system.VERBS)

@@ -203,6 +203,11 @@ def test_exposures_are_called_by_what_people_read(exposure: float | str, label: 
     assert budget.exposure_label(exposure) == label
 
 
+def test_close_exposures_have_names_of_their_own() -> None:
+    labels = budget.exposure_labels((1e-3, 1.0001e-3, "auto", 1 / 30, 0.5, 0.50000001))
+    assert labels == ["0.001 s", "0.0010001 s", "auto", "1/30 s", "0.5 s", "0.50000001 s"]
+
+
 #: Criterion -> (variable that decides it, a value that meets it, one that does not) under the default requirement.
 DECIDES = {
     "saturation": ("full_well_fraction", 0.5, 0.71),

@@ -16,7 +16,7 @@ from experiments.cli import BAD_INPUT, REQUIREMENT_NOT_MET, RequirementNotMet
 from experiments.files import write_png
 from experiments.scenario import Scenario
 from experiments.verbs import stages as verbs
-from scenes import exr, transport
+from scenes import batch, exr
 from scenes.transport import TransportBasis
 
 Mantis = Callable[..., tuple[int, str, str]]
@@ -215,7 +215,7 @@ def test_a_mistake_is_told_in_one_line_and_changes_nothing(
     mantis: Mantis, desk: Path, monkeypatch: pytest.MonkeyPatch, command: tuple[str, ...], says: str
 ) -> None:
     monkeypatch.chdir(desk)
-    monkeypatch.setattr(transport, "_render_region", lambda *_: pytest.fail("rendered before the mistake was found"))
+    monkeypatch.setattr(batch, "trace", lambda *_: pytest.fail("rendered before the mistake was found"))
     before = contents(desk)
     status, out, error = mantis(*command)
     assert (status, out) == (BAD_INPUT, "")

@@ -5,26 +5,34 @@ from __future__ import annotations
 import base64
 import csv
 import io
+import itertools
 import json
 import re
 import tomllib
 from collections import Counter
 from html.parser import HTMLParser
+from pathlib import Path
 from xml.etree import ElementTree
 
 import cv2
 import numpy as np
 import pytest
+from headless import Browser, find_browser
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from matplotlib.figure import Figure as Plot
 from scipy import stats
 
 from experiments import pictures
+from experiments.budget import report as budget_report
 from experiments.budget.figures import detection_interval
 from experiments.budget.report import MAX_PICTURED_RANGES, render_budget_report
+from experiments.errata import section as errata_section
 from experiments.figures import new_figure
 from experiments.report import figure, toml_text
 from experiments.scenario import Scenario
+from experiments.tradeoff import report as tradeoff_report
+from experiments.tradeoff import study as tradeoff
 
 HOSTILE = """</title><script>alert('1')</script><img src=x onerror=alert(2)> & "quoted" ]]>"""
 VOID = {"meta", "br", "image", "img", "link", "input"}
@@ -65,8 +73,23 @@ class Page(HTMLParser):
 
 
 @pytest.fixture(scope="module")
-def html(make_budget) -> str:
-    return render_budget_report(make_budget())
+def drawn(make_budget) -> tuple[str, list[Plot]]:
+    """The report of a budget and its figures."""
+    plots = []
+
+    def kept(plot, key, caption):
+        plots.append(plot)
+        return figure(plot, key, caption)
+
+    with pytest.MonkeyPatch.context() as patch:
+        for module in (budget_report, errata_section):
+            patch.setattr(module, "figure", kept)
+        return render_budget_report(make_budget()), plots
+
+
+@pytest.fixture(scope="module")
+def html(drawn) -> str:
+    return drawn[0]
 
 
 @pytest.fixture(scope="module")
@@ -202,3 +225,87 @@ _SCALARS = st.one_of(
 )
 def test_toml_is_read_back_as_it_was(data):
     assert tomllib.loads(toml_text(data)) == data
+
+
+PARTS = ("verdict", "evidence", "assumptions", "reproduce")
+#: Reports that `make quick` writes; what else lies in out/quick is held to the same.
+QUICK = ("budget", "validate", "materials", "glare", "close", "errata", "tradeoff", "montecarlo")
+
+
+def check_report(text: str) -> None:
+    """Hold a page to the four parts in order, each with something in it, and to loading nothing from elsewhere."""
+    page = Page(text)
+    parts = [value for _, name, value in page.attributes if name == "data-part"]
+    assert tuple(parts) == PARTS
+    cuts = [text.index(f'data-part="{part}"') for part in PARTS] + [
+        text.index("<footer>") if "<footer>" in text else -1
+    ]
+    bodies = [re.sub(r"<[^>]+>", " ", text[a:b]) for a, b in itertools.pairwise(cuts)]
+    assert all(len(body.split()) > 10 for body in bodies)
+    assert re.search(r'class="headline', text)
+    assert re.search(r"\bmantis [a-z]+", bodies[3])
+    assert "mantis-radiometry" in bodies[3]
+    assert re.search(r"[Ss]eed \d+|Nothing in it is random", bodies[3])
+    for tag, name, value in page.attributes:
+        if name in ("src", "href", "xlink:href", "action", "data", "srcset", "poster"):
+            assert value.startswith(("#", "data:")), (tag, name, value)
+    assert not re.search(r"@import|url\((?!#)", text)
+    assert page.tags["link"] == page.tags["iframe"] == page.tags["object"] == 0
+
+
+def test_budget_has_the_four_parts_in_order(html):
+    check_report(html)
+
+
+def test_tradeoff_has_the_four_parts_in_order(tmp_path):
+    problem = tradeoff.THESIS_PROBLEM.read_text(encoding="utf-8")
+    check_report(tradeoff_report.html(tradeoff.run(tmp_path), problem, tradeoff.thesis_cells(), "mantis tradeoff"))
+
+
+def test_every_axis_has_quantity_and_unit(drawn, tmp_path):
+    trade = tradeoff.run(tmp_path)
+    plots = [*drawn[1], tradeoff.score_figure(trade), tradeoff.weight_figure(trade)]
+    assert len(plots) > 15
+    for axes in (axes for plot in plots for axes in plot.axes):
+        for axis in (axes.xaxis, axes.yaxis):
+            ticks = [t.get_text() for t in axis.get_ticklabels() if t.get_visible() and t.get_text()]
+            named = any(any(c.isalpha() for c in text.replace("mathdefault", "")) for text in ticks)
+            assert named or not ticks or "[" in axis.get_label_text(), (axes.get_title(), ticks)
+
+
+def test_every_quick_report_has_the_four_parts_in_order():
+    folder = Path("out/quick")
+    if not folder.is_dir():
+        pytest.skip("`make quick` has not been run here; CI runs it before the tests")
+    reports = sorted(folder.glob("*/report.html"))
+    assert {path.parent.name for path in reports} >= set(QUICK)
+    for path in reports:
+        check_report(path.read_text(encoding="utf-8"))
+
+
+def test_tables_sort_by_size_save_as_csv_and_do_not_widen_the_page(html, tmp_path):
+    executable = find_browser()
+    if executable is None:
+        pytest.skip("no Chromium or Chrome is installed; MANTIS_BROWSER may name one")
+    path = tmp_path / "report.html"
+    path.write_text(html, encoding="utf-8")
+    with Browser(executable, tmp_path / "profile") as browser:
+        for width in (390, 1250):
+            browser.open(path.as_uri(), width, 800)
+            assert browser.errors == []
+            assert browser.run("document.documentElement.scrollWidth") <= width
+        browser.run("window.saved = []; save = (text, name) => saved.push([text, name])")
+        browser.run("document.querySelector('button.csv').click()")
+        [[text, name]] = browser.run("saved")
+        rows = list(csv.DictReader(io.StringIO(text)))
+        shown = "document.querySelector('table.sortable')"
+        assert len(rows) == browser.run(f"{shown}.tBodies[0].rows.length")
+        assert name.endswith(".csv")
+        exposure = list(rows[0])[2]
+        browser.run(f"{shown}.tHead.rows[1].cells[2].querySelector('button').click()")
+        browser.run("document.querySelector('button.csv').click()")
+        again = list(csv.DictReader(io.StringIO(browser.run("saved[1][0]"))))
+        assert [float(row[exposure]) for row in again] == sorted(float(row[exposure]) for row in rows)
+        sizes = browser.run("['1.5 µs', '900 ns', '2.2×10⁸', '1,200', '17\\u00a0500', '×3', '60 %', 'none'].map(size)")
+        assert sizes[:7] == pytest.approx([1.5e-6, 900e-9, 2.2e8, 1200, 17500, 3, 60])
+        assert sizes[7] is None

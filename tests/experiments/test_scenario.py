@@ -74,7 +74,8 @@ OTHERS: dict[str, Any] = {
     "light": "sun", "exposure_s": 1e-3, "title": "another", "marker.dictionary": "4X4_100", "filter.effective_index": 2.0,
     "target.face_material": "diffuse_reference", "target.tape_material": "tape_type_ix", "render.wavelength_nodes": 8,
     "target.absorber_material": "diffuse_reference", "budget.lights": ("sun",), "camera.focus_m": 3.0,
-    "camera.point_source_transmittance": ((20.0, 1e-5), (60.0, 1e-7)),
+    "camera.point_source_transmittance": ((20.0, 1e-5), (60.0, 1e-7)), "target.edge_radius_m": 0.01,
+    "target.edge_material": "white_paint",
 }  # fmt: skip
 
 
@@ -83,6 +84,8 @@ def another(key: str) -> Any:
     value = value_of(DEFAULT, key)
     if key in OTHERS:
         return OTHERS[key]
+    if key in ("marker.element_offsets_m", "target.face_centre_m"):  # of a fixed length
+        return tuple(v + 1e-3 for v in value)
     if isinstance(value, tuple):
         return value[:-1]
     if isinstance(value, int):

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from experiments import chain, sighting
-from experiments.cli import _plain
+from experiments.cli import plain
 from experiments.scenario import Scenario
 from scenes import exr
 from scenes.transport import TransportBasis
@@ -70,7 +70,7 @@ def test_frames_and_sightings_by_files_equal_those_of_one_process(
 
     status, out, error = mantis("detect", png, small_file, "--json", "-o", record, "--require", "pose")
     assert (status, error) == (0, "")
-    expected = json.loads(json.dumps(_plain(sighting.as_record(seen))))
+    expected = json.loads(json.dumps(plain(sighting.as_record(seen))))
     assert expected["detected"]
     assert expected["pose"] is not None
     assert json.loads(out) == expected

@@ -1,0 +1,230 @@
+"""Rendered geometries held ready: what a move needs is prepared in a process beside, what was prepared stays in memory.
+
+Preparing takes a second or two a geometry; the page asks for one at a time and gets either what is ready or the news that it is
+not. While nothing is asked for, the values around the present one on every control are prepared, nearest first.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from types import TracebackType
+from typing import Any
+
+from experiments import chain
+from experiments.scenario import Scenario
+from experiments.workers import Crew
+from radiometry.geometry import FloatArray
+from scenes.cache import TransportCache, default_folder
+
+LIGHTS = tuple(chain.LIGHTS_ON)
+#: Bytes of prepared frames kept in memory; the least recently used make room.
+LIMIT_BYTES = 2**30
+
+
+@dataclass(frozen=True)
+class Budgets:
+    """The closed-form budget of one geometry by illumination."""
+
+    by_light: dict[str, chain.LinkBudget]
+
+    def scaled(self, drive: float) -> Budgets:
+        """With the LEDs' light times a factor; the Sun's is what is left without them."""
+        if drive == 1:
+            return self
+        dark = self.by_light["eclipse"]
+        return Budgets(
+            {
+                light: replace(
+                    budget,
+                    signal_rate=budget.signal_rate + (drive - 1) * dark.signal_rate,
+                    background_rate=budget.background_rate + (drive - 1) * dark.background_rate,
+                    tape_rate=budget.tape_rate + (drive - 1) * dark.tape_rate,
+                )
+                for light, budget in self.by_light.items()
+            }
+        )
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """One rendered geometry: electron rates (H, W) [e⁻/s] and closed-form budgets, by illumination."""
+
+    rates: dict[str, FloatArray]
+    budgets: Budgets
+
+    @property
+    def size_bytes(self) -> int:
+        """Memory that it takes."""
+        return sum(rate.nbytes for rate in self.rates.values())
+
+    def rate(self, light: str, drive: float) -> FloatArray:
+        """Electron rates with the LEDs' light times a factor, (H, W) [e⁻/s]."""
+        whole = self.rates[light]
+        return whole if drive == 1 else whole + (drive - 1) * self.rates["eclipse"]
+
+
+def prepare(scenario: Scenario) -> Prepared:
+    """Transport, from the cache or rendered, as electron rates in both illuminations, and the closed form beside it."""
+    basis = next(chain.transports([scenario], TransportCache(default_folder())))
+    rates = {light: chain.electron_rate(scenario, basis, light) for light in LIGHTS}
+    budgets = {light: chain.link_budget_beside(scenario, light, rates[light]) for light in LIGHTS}
+    return Prepared(rates, Budgets(budgets))
+
+
+def closed_form(scenario: Scenario) -> Budgets:
+    """The closed form of one geometry in both illuminations, without rendering."""
+    return Budgets({light: chain.link_budget(scenario, light) for light in LIGHTS})
+
+
+def _aside(function: Callable[[Scenario], Any], scenario: Scenario) -> Any:
+    """Run in a worker, after whatever the page itself computes."""
+    with suppress(OSError, AttributeError):  # not every system has priorities
+        os.setpriority(os.PRIO_PROCESS, 0, 4)
+    return function(scenario)
+
+
+#: Names a geometry within one stock.
+Key = Hashable
+
+
+@dataclass(frozen=True)
+class Task:
+    """Something to prepare.
+
+    Attributes:
+        key: of the geometry.
+        frame: False for the closed form alone.
+        what: for people.
+        make: gives the scenario when it is due; may raise ValueError.
+    """
+
+    key: Key
+    frame: bool
+    what: str
+    make: Callable[[], Scenario]
+
+
+class Stock:
+    """Prepared geometries, and a thread that has more prepared; a context manager that ends both.
+
+    Args:
+        crew: where the work is done; it is ended with the stock.
+        limit_bytes: of prepared frames in memory.
+    """
+
+    def __init__(self, crew: Crew, limit_bytes: int = LIMIT_BYTES) -> None:
+        self._crew, self._limit = crew, limit_bytes
+        self._frames: OrderedDict[Key, Prepared] = OrderedDict()
+        self._budgets: dict[Key, Budgets] = {}
+        self._failed: dict[Key, str] = {}
+        self._plan: Iterator[Task] = iter(())
+        self._present: Key = None
+        self._planned_bytes = 0
+        self._condition = threading.Condition()
+        self._closed, self.doing = False, ""
+        self._thread = threading.Thread(target=self._work, daemon=True)
+
+    def __enter__(self) -> Stock:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        with self._condition:
+            self._closed = True
+            self._condition.notify_all()
+        self._crew.__exit__(KeyboardInterrupt, None, None)  # a running task is of no use any more
+        self._thread.join(timeout=30)
+
+    def want(self, present: Key, plan: Callable[[], Iterator[Task]]) -> None:
+        """Prepare what a plan says, in its order, instead of what is left of the one before; for the same geometry: go on.
+
+        Frames are prepared until the memory is full of those of this plan.
+        """
+        with self._condition:
+            if present != self._present:
+                self._plan, self._present, self._planned_bytes = plan(), present, 0
+                self._condition.notify_all()
+
+    def frame(self, key: Key) -> Prepared | None:
+        """A prepared geometry; None while it is not.
+
+        Raises:
+            ValueError: when it cannot be prepared, with the reason.
+        """
+        with self._condition:
+            if key in self._failed:
+                raise ValueError(self._failed[key])
+            found = self._frames.get(key)
+            if found is not None:
+                self._frames.move_to_end(key)
+            return found
+
+    def budgets(self, key: Key) -> Budgets | None:
+        """The closed form of a geometry, if it has been computed."""
+        return self._budgets.get(key)
+
+    def ready(self, key: Key) -> bool:
+        """True where a frame is prepared."""
+        return key in self._frames
+
+    def _work(self) -> None:
+        while (task := self._next()) is not None:
+            try:
+                work = prepare if task.frame else closed_form
+                found = self._crew.submit(_aside, work, task.make()).result()
+            except self._crew.losses:
+                if self._closed:
+                    return
+                self._crew.recover()
+                self._note(task.key, None, "the process that renders has died; `mantis doctor` may say why")
+            except (
+                Exception
+            ) as error:  # told to whoever asks for it, so that one impossible geometry does not end the page
+                self._note(task.key, None, " ".join(str(error).split()) or type(error).__name__)
+            else:
+                self._note(task.key, found, "")
+
+    def _next(self) -> Task | None:
+        """The plan's next task that is not done, as soon as there is one; None when the stock is closed."""
+        with self._condition:
+            while not self._closed:
+                task = next(self._plan, None)
+                if task is None:
+                    self.doing = ""
+                    self._condition.wait()
+                elif not self._done(task):
+                    self.doing = task.what
+                    return task
+        return None
+
+    def _done(self, task: Task) -> bool:
+        """Whether nothing is left to do, or no memory to do it in."""
+        if task.key in self._failed:
+            return True
+        if not task.frame:
+            return task.key in self._budgets
+        if task.key in self._frames:
+            self._frames.move_to_end(task.key)
+            self._planned_bytes += self._frames[task.key].size_bytes
+            return True
+        return self._planned_bytes > self._limit
+
+    def _note(self, key: Key, found: Prepared | Budgets | None, reason: str) -> None:
+        with self._condition:
+            if found is None:
+                self._failed[key] = reason
+            elif isinstance(found, Prepared):
+                self._frames[key] = found
+                self._budgets[key] = found.budgets
+                self._planned_bytes += found.size_bytes
+                while sum(f.size_bytes for f in self._frames.values()) > self._limit and len(self._frames) > 1:
+                    self._frames.popitem(last=False)
+            else:
+                self._budgets[key] = found
