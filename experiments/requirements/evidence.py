@@ -83,7 +83,7 @@ class Evidence:
         value, _ = Pattern(marker).value_and_gradient(pixels, homography(corners), kernel_sigma_px(camera.psf_sigma_px))
         sensor = scenario.sensor
         frame = np.zeros(camera.width_px * camera.height_px)
-        frame[near] = 0.5 * sensor.full_well_electrons * value
+        frame[near] = 0.5 * sensor.full_well_electrons * np.maximum(value, 0)  # its blurred edges undershoot by 1e-6
         rng = np.random.default_rng(scenario.seed)
         frame = rng.poisson(frame) + rng.normal(0, sensor.total_noise_electrons, frame.shape)
         image = frame.reshape(camera.height_px, camera.width_px)
