@@ -32,6 +32,10 @@ TARGETS = ("improved", "aruco", "apriltag", "svms")
 SHOWN = ("mantis", "aruco", "aruco_opencv", "apriltag", "svms")
 
 
+#: Width of the band of tilts that stands for one [deg].
+SPREAD_DEG = 2.0
+
+
 @dataclass(frozen=True)
 class Plan:
     """Ranges, tilts about the marker's x axis, and frames of each."""
@@ -41,13 +45,17 @@ class Plan:
     frames: int
 
 
-FULL = Plan((2.3, 4.6), tuple(np.arange(0.0, 61.0, 5.0)), 16)
+FULL = Plan((2.3, 4.6), tuple(np.arange(0.0, 61.0, 5.0)), 8)
 QUICK = Plan((2.3,), (0.0, 30.0), 3)
 
 
 def runs(plan: Plan) -> list[Run]:
-    """Every target at every range; tilts one after the other, each as often as there are frames of it."""
-    angles = tuple(float(a) for a in np.repeat(plan.tilts_deg, plan.frames))
+    """Every target at every range; tilts one after the other, each as often as there are frames of it.
+
+    A tilt's frames are spread evenly within `SPREAD_DEG`: a solver that starts from the very attitude would seem to be exact.
+    """
+    spread = SPREAD_DEG * ((np.arange(plan.frames) + 0.5) / plan.frames - 0.5)
+    angles = tuple(float(a) for a in (np.asarray(plan.tilts_deg)[:, None] + spread).ravel().round(6))
     return [Run(0, target, range_m, "pitch", angles) for range_m in plan.ranges_m for target in TARGETS]
 
 
@@ -165,7 +173,10 @@ def figure(dataset: xr.Dataset, scenario: Scenario) -> Any:
             style = {"ls": "--" if other.model else ":", "color": COLOURS[len(dataset.marker) + k], "lw": 1.2}
             axis.plot(fine, other.median_deg(fine, scenario, size), label=other.name, **style)
         axis.set(
-            xlabel="tilt about the marker's x axis [deg]", yscale="log", title=f"{size:.0f} px across ({range_m:g} m)"
+            xlabel="tilt about the marker's x axis [deg]",
+            yscale="log",
+            ylim=(1e-3, 300),
+            title=f"{size:.0f} px across ({range_m:g} m)",
         )
     axes[0, 0].set_ylabel("median attitude error [deg]")
     handles, labels = axes[0, 0].get_legend_handles_labels()

@@ -130,7 +130,7 @@ def statements(tree: xr.DataTree, scenario: Scenario) -> list[Statement]:
     length, depth = 1.0, marker.virtual_depth_fraction
     sides, measured = found.sides, measured_sides(cut)
     across = min(_reach(cut, "right"))
-    nan, whole = float("nan"), figures.virtual_shown(data, marker)
+    nan = float("nan")
     near, far = float(data.range_m[0]), float(data.range_m[-1])
     lateral, axis = closed_form.THESIS_LATERAL_RAD, found.thesis.far
 
@@ -163,8 +163,6 @@ def statements(tree: xr.DataTree, scenario: Scenario) -> list[Statement]:
                   deg(fov.equal_angles(lateral / 2, axis)), "its lateral semi-axis is a full field; right here: half of it"),
         Statement("section 8.1, test 7", "equal pitch and yaw to which a virtual point exists", "deg", "35",
                   deg(fov.equal_angles(lateral, axis)), _diagonal_here(found), "a rectangle in slopes, no ellipse in angles"),
-        Statement("section 8.1, test 7", f"the same, shown without noise at {near:g} m", "deg", "35", nan,
-                  equal_reach(whole, near), "two whole blobs; steps of 5 deg"),
         Statement("section 8.1, test 7", f"the same, found in noisy frames at {near:g} m", "deg", "35", nan,
                   equal_reach(data.virtual, near), "by this project's detector; steps of 5 deg"),
         Statement("section 8.1, test 7", f"the same, found in noisy frames at {far:g} m", "deg", "35", nan,

@@ -66,9 +66,9 @@ def cover(counts: xr.Dataset) -> Any:
 
 def views(frames: Sequence[tuple[str, NDArray[np.uint16]]]) -> Any:
     """Frames side by side, brightness stretched to each one's own 99.9th percentile."""
-    columns = min(len(frames), 3)
+    columns = min(len(frames), 2)
     rows = -(-len(frames) // columns)
-    figure, axes = new_figure(rows, columns, (3.0 * columns, 0.2 + 2.5 * rows))
+    figure, axes = new_figure(rows, columns, (4.0 * columns, 0.2 + 3.3 * rows))
     for axis in axes.flat[len(frames) :]:
         axis.set_visible(False)
     for axis, (title, image) in zip(axes.flat, frames, strict=False):
