@@ -55,8 +55,9 @@ docs: .venv/.docs-ready
 	$(PYTHON_VENV) -m pip install --quiet --disable-pip-version-check --editable '.[docs]'
 	@touch $@
 
+# Figures of speed, beside those of peers where they are installed (benchmarks/peers.py): docs/performance.md.
 bench: setup
-	$(PYTHON_VENV) benchmarks/variants.py
+	$(PYTHON_VENV) -m benchmarks $(ARGS)
 
 clean:
 	rm -rf .venv out build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -1,8 +1,6 @@
-"""Prints how much slower `scalar_spectral` renders than `llvm_ad_spectral`.
+"""How much slower `scalar_spectral` renders than `llvm_ad_spectral`.
 
-First the project's own work, a transport basis of the default geometry; then what it is made of: a plain plate and one of
-retroreflective tape that fill the image, with a point source and Mitsuba's `direct` integrator. Each variant runs in a
-process of its own. Run it on an idle machine: python benchmarks/variants.py
+Each variant runs in a process of its own.
 """
 
 from __future__ import annotations
@@ -14,29 +12,63 @@ import sys
 import time
 from typing import Any
 
-from scenes.llvm import LLVM_VARIANT, SCALAR_VARIANT, VARIANTS, activate_variant
+import numpy as np
 
-WIDTH_PX = 128
-MATERIALS = {"plain": "diffuse_reference", "tape": "tape_type_ix"}
-SAMPLES = {LLVM_VARIANT: {"plain": 256, "tape": 256}, SCALAR_VARIANT: {"plain": 64, "tape": 4}}  # about a second each
-REPEATS = 3
+from benchmarks.rows import Row
+from scenes.llvm import FORCED_VARIANT, LLVM_VARIANT, SCALAR_VARIANT, VARIANTS, activate_variant
+
+TITLE = "Without a libLLVM"
+TEXT = """
+Where no libLLVM can be had, Mitsuba's scalar variant renders with its own path tracer. First the project's own work,
+a transport basis at 4 m with 500 000 rays on the marker; then what it is made of: a plain plate and one of
+retroreflective tape that fill the image, with a point source and Mitsuba's `direct` integrator.
+"""
+COLUMNS = "work"
+
+_WIDTH_PX = 128
+_MATERIALS = {"plain": "diffuse_reference", "tape": "tape_type_ix"}
+_SAMPLES = {LLVM_VARIANT: {"plain": 256, "tape": 256}, SCALAR_VARIANT: {"plain": 64, "tape": 4}}  # about a second each
+_REPEATS = 3
 
 
-def measure(variant: str) -> dict[str, float]:
-    """Nanoseconds for one sample (camera ray and light sample), by surface; the best of `REPEATS`, kernels compiled."""
-    import numpy as np
+def run(quick: bool) -> list[Row]:
+    """Times of both variants and their ratios."""
+    times: dict[str, dict[str, float]] = {}
+    for variant in VARIANTS:
+        code = f"from benchmarks.variants import job; job({variant!r}, {quick!r})"
+        environment = {**os.environ, FORCED_VARIANT: variant}
+        done = subprocess.run(
+            [sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, check=True, env=environment
+        )
+        times[variant] = json.loads(done.stdout.splitlines()[-1])
+    rows = []
+    for work, fast in times[LLVM_VARIANT].items():
+        ratio = times[SCALAR_VARIANT].get(work, np.nan) / fast
+        rows.append(Row(f"scalar over LLVM, {work}", ratio, "", note=f"{fast:.3g} s under LLVM"))
+    return rows
 
+
+def job(variant: str, quick: bool) -> None:
+    """Print a variant's times as JSON."""
     if activate_variant(variant) != variant:
         raise RuntimeError(f"{variant} cannot be had here; see `mantis doctor`")
+    times = _surfaces(variant)
+    if not quick:
+        times["transport basis"] = _basis_seconds()
+    print(json.dumps(times))
+
+
+def _surfaces(variant: str) -> dict[str, float]:
+    """Seconds of a million samples (camera ray and light sample), by surface; the best of some, kernels compiled."""
     import mitsuba as mi
 
     from materials import library, plugins
 
     plugins.register()
     view = mi.ScalarTransform4f().look_at(origin=[0, 0, 5000], target=[0, 0, 0], up=[0, 1, 0])  # mm
-    film = {"type": "hdrfilm", "width": WIDTH_PX, "height": WIDTH_PX, "component_format": "float32"}
+    film = {"type": "hdrfilm", "width": _WIDTH_PX, "height": _WIDTH_PX, "component_format": "float32"}
     result = {}
-    for surface, material in MATERIALS.items():
+    for surface, material in _MATERIALS.items():
         scene: dict[str, Any] = {
             "type": "scene",
             "integrator": {"type": "direct"},
@@ -48,51 +80,26 @@ def measure(variant: str) -> dict[str, float]:
             "source": {"type": "point", "position": [40, 0, 5000], "intensity": {"type": "uniform", "value": 1e6}},
             "sensor": {"type": "perspective", "fov": 5, "to_world": view, "film": film},
         }
-        loaded, samples = mi.load_dict(scene), SAMPLES[variant][surface]
+        loaded, samples = mi.load_dict(scene), _SAMPLES[variant][surface]
         durations_s = []
-        for seed in range(REPEATS + 1):  # the first compiles
+        for seed in range(_REPEATS + 1):  # the first compiles
             start = time.perf_counter()
             np.array(mi.render(loaded, spp=samples, seed=seed))
             durations_s.append(time.perf_counter() - start)
-        result[surface] = min(durations_s[1:]) / (WIDTH_PX**2 * samples) * 1e9
+        result[f"a million samples of {surface} surface"] = min(durations_s[1:]) / (_WIDTH_PX**2 * samples) * 1e6
     return result
 
 
-def basis_seconds() -> float:
-    """Seconds for a transport basis at 4 m, at the quality of `mantis budget --quick`, kernels compiled."""
-    from radiometry.filters import Bandpass
-    from radiometry.optics import Camera, wavelength_nodes
-    from radiometry.sources import LedRing, Sun
-    from scenes.marker import MarkerDesign
-    from scenes.target import Target
-    from scenes.transport import Quality, View, render_basis
+def _basis_seconds() -> float:
+    """Seconds for a transport basis at 4 m, kernels compiled."""
+    from experiments import chain
+    from experiments.scenario import load_scenario
+    from scenes.transport import Quality, render_basis
 
-    nodes = wavelength_nodes(Bandpass().spectrum())
-    view = View(Camera(), MarkerDesign(), Target(), LedRing(), Sun(), 4.0, nodes)
+    view = chain.view(load_scenario(overrides=("range_m=4",)))
+    seconds = 0.0
     for _ in range(2):  # the first compiles
         start = time.perf_counter()
         render_basis(view, Quality(marker_rays=500_000))
-    return time.perf_counter() - start
-
-
-def main() -> None:
-    """Measures both variants and prints the ratios."""
-    times = {}
-    for variant in VARIANTS:
-        done = subprocess.run(
-            [sys.executable, __file__, variant],
-            stdout=subprocess.PIPE, text=True, check=True, env={**os.environ, "MANTIS_VARIANT": variant},
-        )  # fmt: skip
-        times[variant] = json.loads(done.stdout)
-    fast, slow = times[LLVM_VARIANT]["basis"], times[SCALAR_VARIANT]["basis"]
-    print(f"basis  {fast:8.2f} s under LLVM, {slow:8.2f} s scalar: {slow / fast:.0f} times slower")
-    for surface in MATERIALS:
-        fast, slow = times[LLVM_VARIANT][surface], times[SCALAR_VARIANT][surface]
-        print(f"{surface:6} {fast:8.0f} ns a sample under LLVM, {slow:8.0f} scalar: {slow / fast:.0f} times slower")
-
-
-if __name__ == "__main__":
-    if len(sys.argv) > 1:
-        print(json.dumps({**measure(sys.argv[1]), "basis": basis_seconds()}))
-    else:
-        main()
+        seconds = time.perf_counter() - start
+    return seconds

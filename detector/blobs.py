@@ -18,29 +18,31 @@ from detector.blob_fit import Readings, View, blob_step, descend, readings_of, s
 from detector.compiled import kernel
 from detector.corners import PatternFit, gather, sample
 from detector.noise import NoiseModel
-from detector.pattern import SQUARE, inverse3, nearest_pixels, project, select_pixels
+from detector.pattern import inverse3, is_inside, nearest_pixels, pixels_of, project
 from detector.slits import Slits
 from radiometry.geometry import FloatArray
 from radiometry.optics import Camera
 from scenes.marker import Element, MarkerDesign
 
 #: Pixels of the descent, which only has to come close, and the most of the last step, which takes all that they know.
-DESCENT_PIXELS, MAX_PIXELS = 300, 4000
+DESCENT_PIXELS, MAX_PIXELS = 220, 4000
 #: Distance of the positions that are searched, in slit pitches: well within the triangle, whose half width is four.
 SEARCH_PITCHES = 2.0
-#: Gauss–Newton steps at most, from the search and from where it led.
-FIRST_STEPS, STEPS = 2, 8
-#: What the slit model leaves in a blob without any noise, standard deviation: a part in pixels, and a part in slit
-#: pitches at 1 m that falls with the range, as the lights stand beside the lens and not in it. Measured on ray-traced
-#: frames with a ring of 50 mm radius, at 1 to 10 m: 0.1, 0.03, 0.012 and below 0.012 px at 1, 2, 4 and beyond.
-MODEL_SIGMA_PX, MODEL_SIGMA_PITCH_M = 0.01, 0.02
+#: What the slit model leaves in a blob without any noise, standard deviation: in pixels, and in slit pitches at 1 m, falling with
+#: the range. Measured on ray-traced frames, 1 to 10 m, with a ring of lights of known radius.
+MODEL_SIGMA_PX, MODEL_SIGMA_PITCH_M = 0.003, 0.0013
+#: Where the radius is not known, this one is taken [m] (the thesis's; assumption), and more pitches at 1 m go into the standard
+#: deviation: measured for lights at the lens and on a ring of twice the radius.
+USUAL_RING_M, UNKNOWN_RING_PITCH_M = 0.05, 0.015
+#: The last steps are repeated, this often at most, while they are longer than these slit pitches: what shorter ones leave is of
+#: second order.
+LAST_STEPS, LAST_PITCHES = 3, 0.02
 #: A blob is found where it lowers chi-square by this much: five standard deviations.
 DETECTION_CHI2 = 25.0
 #: Largest part of the blob's light that may be lost at the element's end.
 MAX_CUT_FRACTION = 0.05
 #: Variance left beyond the noise, over the variance explained, above which the light is no blob. Assumption.
 MAX_UNEXPLAINED = 0.5
-_NO_EDGES = np.empty(0)
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,7 @@ class Blob:
     position_px: FloatArray  # (2,)
     sigma_px: float  # standard deviation along the element
     unexplained: float
+    half_width_m: float  # how far along the element its light reaches
 
 
 @dataclass(frozen=True)
@@ -71,9 +74,13 @@ def _layouts(marker: MarkerDesign) -> tuple[_Layout, ...]:
     for e in marker.elements:
         centre, along, across = (vector[:2] for vector in (e.centre_m, e.along, e.across))
         extent = np.abs(along) * e.length_m / 2 + np.abs(across) * e.width_m / 2
-        place = np.array([[extent[0] / half, 0, centre[0] / half], [0, extent[1] / half, centre[1] / half], [0, 0, 1]])
+        middle = centre + e.shift_m * along
+        place = np.array([[extent[0] / half, 0, middle[0] / half], [0, extent[1] / half, middle[1] / half], [0, 0, 1]])
         outwards = float(np.sign(centre @ across))
-        foil_m = along * np.linspace(-0.5, 0.5, 24)[:, None] * e.length_m + across * outwards * 1.03 * marker.size_m / 2
+        foil_m = (
+            along * (np.linspace(-0.5, 0.5, 24)[:, None] * e.length_m + e.shift_m)
+            + across * outwards * 1.03 * marker.size_m / 2
+        )
         axis = int(abs(along[1]) > 0.5)
         found.append(_Layout(e, place, foil_m / half, axis, outwards, float(e.centre_m @ e.across)))
     return tuple(found)
@@ -84,21 +91,18 @@ class _ElementImage:
 
     def __init__(
         self, image: np.ndarray, fit: PatternFit, marker: MarkerDesign, layout: _Layout, range_m: float,
-        sigma_px: float, noise: NoiseModel, light_ring_m: float,
+        sigma_px: float, noise: NoiseModel, light_ring_m: float | None,
     ):  # fmt: skip
         self.marker, self.layout, self.fit, self.element = marker, layout, fit, layout.element
         self.range_m, self.light_ring_m, half = range_m, light_ring_m, marker.aruco_m / 2
         moved = fit.matrix @ layout.place
         height, width = image.shape
-        outline = project(moved, SQUARE)
-        self.whole = bool(
-            outline.min() > -0.5 and outline[:, 0].max() < width - 0.5 and outline[:, 1].max() < height - 0.5
-        )
+        self.whole = is_inside(moved, 1.0, height, width)
         self.gain = 0.0  # chi-square the rough position gains, where most of the blob is in the opening
         self.count = 0
         if not self.whole:
             return
-        columns, rows = select_pixels(moved / moved[2, 2], 1.0, height, width, -0.5, float(MAX_PIXELS), _NO_EDGES, 1.0)
+        columns, rows = pixels_of(moved / moved[2, 2], 1.0, image.shape, -0.5, MAX_PIXELS)
         self.seen = seen = sample(image, columns, rows, np.zeros(2), noise)
         self.count = len(seen.data)
         if self.count < 8:
@@ -106,7 +110,9 @@ class _ElementImage:
         ring_m = half * (1 + 2 * marker.ring_fraction)
         glare = _scatter(image, fit.matrix, layout.foil)
         end = layout.element.length_m / 2
-        self.geometry = np.array([half, sigma_px, layout.outwards, ring_m, marker.size_m / 2, glare, end])
+        self.geometry = np.array(
+            [half, sigma_px, layout.outwards, ring_m, marker.size_m / 2, glare, end, layout.element.shift_m]
+        )
         #: Levels of blob and background, and of the foil and its slope, where it spills in.
         self.level = np.zeros(4)
         self.few = self._readings(-(-self.count // DESCENT_PIXELS))
@@ -129,7 +135,8 @@ class _ElementImage:
 
     def look_from(self, camera_m: FloatArray) -> None:
         """Set where the camera stands in the marker frame."""
-        self.slits = slits = Slits(self.marker, self.element, camera_m, self.light_ring_m)
+        ring_m = USUAL_RING_M if self.light_ring_m is None else self.light_ring_m
+        self.slits = slits = Slits(self.marker, self.element, camera_m, ring_m)
         low, high = slits.across
         middle_m = self.layout.middle_m
         self.view = View(slits.numbers, slits.count, slits.beside, middle_m + low, middle_m + high)
@@ -143,23 +150,33 @@ class _ElementImage:
         if self.count - np.count_nonzero(self.seen.saturated) < 8:
             return "saturated"
         reach = self.element.length_m / 2 + 0.6 * self.slits.half_width
-        starts = np.arange(-reach, reach, SEARCH_PITCHES * self.slits.pitch)
-        cost = search_positions(self.view, self.few, starts, self.level)
+        starts = self.element.shift_m + np.arange(-reach, reach, SEARCH_PITCHES * self.slits.pitch)
+        cost, blank = search_positions(self.view, self.few, starts, self.level)
         best = int(cost.argmin())
         if not np.isfinite(cost[best]):
             return "no light"
-        u, gain = descend(self.view, self.few, float(starts[best]), self.slits.pitch, FIRST_STEPS, self.level)
+        u = float(starts[best])
+        if 0 < best < len(cost) - 1:
+            # The vertex of the parabola through the best and its neighbours.
+            before, here, after = cost[best - 1 : best + 2].tolist()
+            if np.isfinite(before + after) and before + after > 2 * here:
+                u += SEARCH_PITCHES * self.slits.pitch * (before - after) / (before + after - 2 * here) / 2
         if self.slits.cut_fraction(u) < 0.5:
-            self.gain = gain
-        return float(u)
+            self.gain = float(blank - cost[best])
+        return u
 
     def measure(self, u: float) -> Blob | str:
         """The blob near a rough position, or why it is none."""
         pitch = self.slits.pitch
-        u, _ = descend(self.view, self.few, u, pitch, STEPS, self.level)
-        every = self.few if len(self.few.u) == self.count else self._readings(1)
-        found = _Step(*blob_step(self.view, every, u, 0.05 * pitch, self.level))
-        u += min(max(found.step_m, -pitch), pitch)
+        u, last = descend(self.view, self.few, u, pitch, self.level)
+        found = _Step(*last)
+        if len(self.few.u) < self.count:
+            every = self._readings(1)
+            for _ in range(LAST_STEPS):
+                found = _Step(*blob_step(self.view, every, u, 0.05 * pitch, self.level))
+                u += min(max(found.step_m, -pitch), pitch)
+                if abs(found.step_m) < LAST_PITCHES * pitch:
+                    break
         cost = found.cost - found.step_m**2 / found.variance_m2
         gain = found.blank_cost - cost
         if self.level[0] <= 0 or not gain > DETECTION_CHI2:
@@ -174,8 +191,9 @@ class _ElementImage:
         ends = (element.centre_m + (u + np.array([[0.0], [delta]])) * element.along)[:, :2] / half
         position, beside = project(self.fit.matrix, ends)
         scale = math.dist(beside, position) / delta  # [px/m]
-        model = math.hypot(MODEL_SIGMA_PX, MODEL_SIGMA_PITCH_M / self.range_m * pitch * scale)
-        return Blob(u, position, math.hypot(math.sqrt(variance) * scale, model), unexplained)
+        pitches = MODEL_SIGMA_PITCH_M if self.light_ring_m is not None else UNKNOWN_RING_PITCH_M
+        model = math.hypot(MODEL_SIGMA_PX, pitches / self.range_m * pitch * scale)
+        return Blob(u, position, math.hypot(math.sqrt(variance) * scale, model), unexplained, self.slits.half_width)
 
 
 @dataclass(frozen=True)
@@ -200,7 +218,7 @@ def _scatter(image: np.ndarray, matrix: FloatArray, points: FloatArray) -> float
 
 def find_blobs(
     image: np.ndarray, fit: PatternFit, marker: MarkerDesign, camera: Camera, sigma_px: float, noise: NoiseModel,
-    light_ring_m: float = 0.0,
+    light_ring_m: float | None = None,
 ) -> dict[str, Blob | str]:  # fmt: skip
     """The blob of each element by name, or in a few words why there is none."""
     by_homography = camera_in_marker_m(fit.matrix, marker, camera)

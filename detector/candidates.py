@@ -50,8 +50,8 @@ CELL, SURROUNDINGS, CONTRASTS, CONTRAST_SIGMAS = 4, 5, (0.3, 0.06), 2.0
 #: Smallest side of a place worth a look [cells]; most places; and the part of the image they may fill. Beyond either, looking
 #: at the whole image costs less.
 MIN_PLACE, MAX_PLACES, MAX_FILLED = 5, 12, 0.4
-#: A place is binned to about this many pixels a side before it is looked at.
-PLACE_PX = 100
+#: A place is binned to this many pixels a side at most before it is looked at.
+PLACE_PX = 90
 
 
 def dark_squares(
@@ -129,7 +129,7 @@ class _Copies:
             extra = noise.extra_variance_dn2
             self.extra = np.where(np.isfinite(extra), extra, 0.0).astype(np.float32)
 
-    def noise_dn(self, level: Image) -> Image:
+    def noise_dn(self, level: Image | np.floating) -> Image:
         """Noise of single pixels [DN] at levels (h, w) of cells; see `CELL`."""
         variance = level * np.float32(self.gain) + np.float32(self.constant)
         if self.extra is not None:
@@ -165,7 +165,7 @@ def search(image: np.ndarray, noise: NoiseModel) -> Iterator[tuple[FloatArray, f
     copies = _Copies(image, noise)
     for place in _places(copies):
         binning = 1
-        while max(place[2:]) > 1.5 * PLACE_PX * binning and binning < 8:
+        while max(place[2:]) > PLACE_PX * binning and binning < 16:
             binning *= 2
         yield from copies.squares(Look(binning, 0.0, 7, 2.0), place)
     for look in LOOKS:
@@ -179,11 +179,12 @@ def _places(copies: _Copies) -> Iterator[Place]:
         return
     low = np.asarray(cv2.erode(cells, np.ones((SURROUNDINGS, SURROUNDINGS), np.uint8)), np.float32)
     contrast = cells - low
-    noise = np.float32(CONTRAST_SIGMAS) * copies.noise_dn(low)
-    highest, seen = float(contrast.max()), set()
+    highest, most_noise, seen = float(contrast.max()), CONTRAST_SIGMAS * copies.noise_dn(low.max()).max(), set()
     for part in CONTRASTS:
-        active = contrast > np.maximum(noise, np.float32(part * highest))
-        active = cv2.dilate(active.view(np.uint8), np.ones((3, 3), np.uint8))
+        limit: np.floating | Image = np.float32(part * highest)
+        if limit < most_noise:
+            limit = np.maximum(np.float32(CONTRAST_SIGMAS) * copies.noise_dn(low), limit)
+        active = cv2.dilate((contrast > limit).view(np.uint8), np.ones((3, 3), np.uint8))
         outlines, _ = cv2.findContours(active, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
         boxes = [box for box in map(cv2.boundingRect, outlines) if min(box[2:]) >= MIN_PLACE]
         if len(boxes) > MAX_PLACES or sum(w * h for _, _, w, h in boxes) > MAX_FILLED * active.size:

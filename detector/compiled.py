@@ -1,20 +1,43 @@
 """What the detector's compiled kernels share: the decorators, the blurred edge, and small symmetric systems.
 
-The kernels are plain loops over pixels. Numba compiles each on first use and keeps the code on disk beside the module (or in
-the user's cache), so only the first frame after an installation waits for it.
+The kernels are plain loops over pixels. Numba compiles each on first use and keeps the code on disk, so only the first frame
+after an installation waits for it.
 """
 
 from __future__ import annotations
 
+import hashlib
 import math
+import os
+import tempfile
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
+import numba
 import numpy as np
 from numba import njit
 from scipy.special import ndtr
 
 from radiometry.geometry import FloatArray
+
+
+def _cache_folder() -> Path:
+    """Where compiled kernels are kept: a folder for these very sources, those that import detector.compiled.
+
+    By itself Numba looks only at the file that a kernel stands in, and would go on using what it compiled of a kernel of another
+    file before that one was changed.
+    """
+    here = Path(__file__).parent
+    sources = (path.read_bytes() for path in sorted(here.glob("*.py")))
+    digest = hashlib.sha256(b"".join(text for text in sources if b"detector.compiled" in text)).hexdigest()[:16]
+    beside = here / "__pycache__"
+    writable = os.access(beside if beside.is_dir() else here, os.W_OK)
+    return (beside if writable else Path(tempfile.gettempdir()) / f"mantis-kernels-{os.getuid()}") / digest
+
+
+if not os.environ.get("NUMBA_CACHE_DIR"):
+    vars(numba.config)["CACHE_DIR"] = str(_cache_folder())
 
 #: Division by zero gives infinity, as NumPy's does, instead of an exception.
 kernel: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(cache=True, error_model="numpy", nogil=True)
@@ -64,6 +87,12 @@ def edge(z: float) -> tuple[float, float]:
     a, b = a * t + _A[1], b * t + _B[1]
     a, b = a * t + _A[0], b * t + _B[0]
     return 0.5 + z * a, b
+
+
+@kernel
+def normal_cdf(z: float) -> float:
+    """Standard normal distribution function."""
+    return 0.5 * math.erfc(-z * math.sqrt(0.5))
 
 
 @wide_kernel

@@ -17,12 +17,16 @@ from numpy.typing import NDArray
 from detector.compiled import BLOCK, add_products, invert_scaled, kernel, mirror, solve_scaled, wide_kernel
 from detector.noise import NoiseModel
 from detector.pattern import (
+    CLEARANCE,
+    KNOWING_REACH,
+    NOWHERE,
     SQUARE,
     Pattern,
     homography,
     image_of,
     inverse3,
     new_block,
+    project,
     see,
     select_pixels,
     shine,
@@ -31,21 +35,29 @@ from radiometry.geometry import FloatArray
 
 #: Pixels of the descent, which only has to come close, and the most of the last step, which takes all that they know: beyond,
 #: edges are resolved far better than the optics are known.
-DESCENT_PIXELS, MAX_PIXELS = 250, 5000
+DESCENT_PIXELS, MAX_PIXELS = 250, 6000
 #: Iterations of the descent, and last steps, at most.
 MAX_ITERATIONS, MAX_LAST_STEPS = 12, 6
-#: What the model of the blur leaves in a corner without any noise, standard deviation [px]: measured on noiseless
-#: synthetic frames, 0.001 px at 120 px a side to 0.007 px at 12 px.
-MODEL_SIGMA_PX = 0.004
+#: What the model of blur and light leaves in a corner without any noise, standard deviation: in pixels, and over the ArUco's
+#: side. Measured on ray-traced frames at many sub-pixel places: 0.001 px at 12–30 px a side, 0.003 px at 120 px.
+MODEL_SIGMA_PX, MODEL_SIGMA_SIDE = 0.0015, 2.5e-5
 #: A step below this ends the descent, and makes a last step the last [px]: what it leaves is of second order. So does one that
 #: lowers chi-square by little: it is a small part of the noise.
 NEAR_PX, LAST_PX, LAST_CHI2 = 0.1, 0.06, 0.5
 #: After a longer step, other pixels know where the edges are [px].
 ELSEWHERE_PX = 0.5
-#: Kernel deviations kept clear of the encoding elements, whose blobs the pattern model does not know.
-CLEARANCE_SIGMA = 2.5
 #: Uneven light is fitted where it lowers chi-square by this much: five standard deviations.
 UNEVEN_CHI2 = 25.0
+
+
+@dataclass(frozen=True)
+class Descent:
+    """Where a fit ended: homography (3, 3) relative to an origin (2,), information about it and the levels, and result."""
+
+    origin: FloatArray
+    matrix: FloatArray
+    normal: FloatArray
+    result: FloatArray
 
 
 @dataclass(frozen=True)
@@ -61,6 +73,7 @@ class PatternFit:
     reduced_chi2: float
     unexplained: float  # variance left beyond the noise, over the variance explained
     significance: float  # the pattern's variance in noise standard deviations
+    descent: Descent  # where the fit ended, for `refined`
 
     @property
     def white_dn(self) -> float:
@@ -144,7 +157,7 @@ def fit_pattern(
         if not moved_px >= 0:
             return None
         if moved_px < LAST_PX or gain < LAST_CHI2:
-            return _finish(matrix, levels, normal[:count, :count], result, origin)
+            return _finish(matrix, levels, normal[:count, :count].copy(), result, origin)
         if moved_px > ELSEWHERE_PX:
             samples = None
     return None
@@ -166,13 +179,48 @@ def _sample_pattern(
     most: int,
 ) -> Samples | None:
     """The pixels that know where the edges are; None where they are too few."""
-    height, width = image.shape
-    absolute = moved(matrix, origin)
-    columns, rows = select_pixels(
-        absolute, pattern.reach, height, width, CLEARANCE_SIGMA * sigma_px, float(most), pattern.lines, sigma_px
-    )
+    columns, rows = _edge_pixels(image, pattern, moved(matrix, origin), sigma_px, most, NOWHERE, pattern.openings)
     samples = sample(image, columns, rows, origin, noise)
     return samples if len(samples.data) >= 60 else None
+
+
+def _edge_pixels(
+    image: np.ndarray,
+    pattern: Pattern,
+    matrix: FloatArray,
+    sigma_px: float,
+    most: int,
+    only: FloatArray,
+    never: FloatArray,
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Pixels near the pattern's edges; see `select_pixels`. They end well inside the marker's outline."""
+    height, width = image.shape
+    corner = project(matrix, SQUARE[:2] * pattern.outline)
+    room_px = math.dist(*corner) * (1 - pattern.ring / pattern.outline) / 2 - CLEARANCE * sigma_px
+    margin_px = -min(KNOWING_REACH * sigma_px, room_px)
+    columns, rows = select_pixels(
+        matrix, pattern.ring, height, width, margin_px, float(most), pattern.lines, sigma_px, only, never
+    )
+    return columns, rows
+
+
+def refined(
+    fit: PatternFit, image: np.ndarray, pattern: Pattern, blobs: FloatArray, sigma_px: float, noise: NoiseModel
+) -> PatternFit:
+    """The fit with what the pixels beside the elements know of the ring's outer edge, once it is known where they are bright.
+
+    `blobs` (4, 4): rectangles x0, x1, y0, y1 of the plane that blobs may light.
+    """
+    start = fit.descent
+    columns, rows = _edge_pixels(image, pattern, fit.matrix, sigma_px, MAX_PIXELS, pattern.openings, blobs)
+    samples = sample(image, columns, rows, start.origin, noise)
+    if not len(samples.data):
+        return fit
+    matrix, levels, normal, result = start.matrix.copy(), fit.levels_dn.copy(), start.normal.copy(), start.result.copy()
+    moved_px = _more(*_arguments(samples), sigma_px, pattern.lines, pattern.cells, matrix, levels, normal, result)
+    # Far off, the light is none that the pattern explains.
+    found = _finish(matrix, levels, normal, result, start.origin) if 0 <= moved_px < ELSEWHERE_PX else None
+    return found or fit
 
 
 def moved(matrix: FloatArray, origin: FloatArray) -> FloatArray:
@@ -188,18 +236,14 @@ def _finish(
     _, chi2, active, explained = result
     reduced = float(chi2 / max(active - len(normal), 1))
     corners, joint = np.empty((4, 2)), np.empty((8, 8))
-    if not _corner_covariance(matrix, np.ascontiguousarray(normal), max(1.0, reduced), corners, joint):
+    if not _corner_covariance(matrix, normal, max(1.0, reduced), corners, joint):
         return None
     unexplained = max(chi2 - active, 0.0) / explained if explained > 0 else np.inf
+    descent = Descent(origin, matrix, normal, result)
     return PatternFit(
-        moved(matrix, origin),
-        corners + origin,
-        joint,
-        levels,
-        reduced,
-        float(unexplained),
-        math.sqrt(max(explained, 0.0)),
-    )
+        moved(matrix, origin), corners + origin, joint, levels, reduced, float(unexplained),
+        math.sqrt(max(explained, 0.0)), descent,
+    )  # fmt: skip
 
 
 @kernel
@@ -216,9 +260,10 @@ def _corner_covariance(matrix, normal, scale, corners, joint) -> bool:
             row = slope[2 * k + axis]
             row[3 * axis], row[3 * axis + 1], row[3 * axis + 2] = x / w, y / w, 1 / w
             row[6], row[7] = -corners[k, axis] * x / w, -corners[k, axis] * y / w
+    side = math.sqrt((corners[0, 0] - corners[2, 0]) ** 2 + (corners[0, 1] - corners[2, 1]) ** 2) / math.sqrt(2)
     for i in range(8):
         for j in range(i + 1):
-            total = MODEL_SIGMA_PX**2 if i == j else 0.0
+            total = MODEL_SIGMA_PX**2 + (MODEL_SIGMA_SIDE * side) ** 2 if i == j else 0.0
             for a in range(8):
                 for b in range(8):
                     total += scale * slope[i, a] * covariance[a, b] * slope[j, b]
@@ -293,6 +338,26 @@ def _last_step(columns, rows, data, saturated, extra, noise, sigma_px, lines, ce
     matrix[:], levels[:] = trial_matrix, trial_levels
     result[1] = max(result[1] - gain, 0.0)
     return distance if levels[0] > 0 else -1.0, gain, count
+
+
+@kernel
+def _more(columns, rows, data, saturated, extra, noise, sigma_px, lines, cells, matrix, levels, normal, result):
+    """Add further readings to a fit that has ended: homography, levels, information and result in place.
+
+    The way of the corners [px], −1 where there is no solution.
+    """
+    count = len(normal)
+    added, rhs, step, more = np.empty((count, count)), np.empty(count), np.empty(count), np.empty(4)
+    _accumulate(columns, rows, data, saturated, extra, noise, sigma_px, lines, cells, matrix, levels, added, rhs, more)
+    normal += added
+    if not solve_scaled(normal, rhs, 0.0, step):
+        return -1.0
+    trial_matrix, trial_levels = matrix.copy(), levels.copy()
+    distance = _moved(matrix, levels, step, trial_matrix, trial_levels)
+    matrix[:], levels[:] = trial_matrix, trial_levels
+    result[1] += max(more[1] - (step * rhs).sum(), 0.0)
+    result[2] += more[2]
+    return distance if levels[0] > 0 else -1.0
 
 
 @kernel

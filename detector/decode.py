@@ -15,13 +15,12 @@ import numpy as np
 from detector.compiled import BLOCK, kernel, mirror
 from detector.corners import moved, sample
 from detector.noise import NoiseModel
-from detector.pattern import Pattern, homography, inverse3, nearest_pixels, new_block, see, select_pixels
+from detector.pattern import Pattern, homography, inverse3, nearest_pixels, new_block, pixels_of, see
 from radiometry.geometry import FloatArray
 from scenes.marker import MarkerDesign, aruco_dictionary
 
 #: Most pixels a decode uses: about six per cell of the default dictionary.
 MAX_PIXELS = 350
-_NO_EDGES = np.empty(0)
 
 
 @dataclass(frozen=True)
@@ -57,10 +56,7 @@ class Decoder:
         origin = np.round(corners_px.mean(0))
         matrix = homography(corners_px - origin)
         reach = 1 + 2 * self.pattern.marker.ring_fraction
-        height, width = image.shape
-        columns, rows = select_pixels(
-            moved(matrix, origin), reach, height, width, 0.0, float(MAX_PIXELS), _NO_EDGES, sigma_px
-        )
+        columns, rows = pixels_of(moved(matrix, origin), reach, image.shape, 0.0, MAX_PIXELS)
         seen = sample(image, columns, rows, origin, noise)
         if len(seen.data) < 40:
             return None

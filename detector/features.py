@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -9,10 +10,10 @@ from numpy.typing import ArrayLike
 
 from detector.blobs import Blob, find_blobs
 from detector.candidates import search
-from detector.corners import PatternFit, fit_pattern
-from detector.decode import decoder_of, has_ring
+from detector.corners import PatternFit, fit_pattern, refined
+from detector.decode import Decoder, decoder_of, has_ring
 from detector.noise import NoiseModel, estimate_noise
-from detector.pattern import kernel_sigma_px, project
+from detector.pattern import CLEARANCE, KNOWING_REACH, kernel_sigma_px, project
 from radiometry.geometry import FloatArray
 from radiometry.optics import Camera
 from scenes.marker import ELEMENT_NAMES, MarkerDesign
@@ -20,6 +21,8 @@ from scenes.marker import ELEMENT_NAMES, MarkerDesign
 #: A quadrilateral is worth a fit from this correlation with the marker's own pattern on, where no other identity's is
 #: better by more than the slack. Here and below: chosen between what markers and marker-free frames show.
 MIN_CORRELATION, SLACK = 0.45, 0.02
+#: Another identity is worth one from this correlation on.
+MIN_OTHER = 0.9
 #: Accepted when the pattern leaves at most this part of the light's variance unexplained by noise,
 MAX_UNEXPLAINED = 0.15
 #: when it stands out of the noise by this many standard deviations, all pixels together,
@@ -60,12 +63,14 @@ def detect_features(
     marker: MarkerDesign,
     camera: Camera,
     noise: NoiseModel | None = None,
-    light_ring_m: float = 0.0,
+    light_ring_m: float | None = None,
 ) -> Features:
     """Find the marker and measure its corners and blobs.
 
     `image`: (H, W) digital numbers or electrons, integer or real, any bit depth. `camera` gives the point spread and,
     for the slits' perspective, the focal length. `noise` is estimated from the image where it is not given.
+    `light_ring_m`: radius of the ring of lights around the lens, 0 for light from the lens itself, None where it is not known:
+    light from the side shifts what the slits show at short range.
     Raises ValueError for an image that is not two-dimensional or holds non-finite values.
     """
     frame = _checked(image)
@@ -76,6 +81,7 @@ def detect_features(
         seen = f"only identity {other} seen" if other is not None else "no marker found"
         return Features(other, None, None, dict.fromkeys(ELEMENT_NAMES), {}, {}, seen)
     blobs = find_blobs(frame, found, marker, camera, sigma_px, noise, light_ring_m)
+    found = _refined(found, frame, marker, blobs, sigma_px, noise)
     good = {name: blob for name, blob in blobs.items() if isinstance(blob, Blob)}
     missing = [f"{name} blob: {why}" for name, why in blobs.items() if isinstance(why, str)]
     virtual = _virtual_points(found, good, marker.aruco_m / 2)
@@ -90,6 +96,29 @@ def detect_features(
         reason="; ".join(missing) or None,
         joint_covariance_px2=joint,
     )
+
+
+def _refined(
+    fit: PatternFit,
+    frame: np.ndarray,
+    marker: MarkerDesign,
+    blobs: dict[str, Blob | str],
+    sigma_px: float,
+    noise: NoiseModel,
+) -> PatternFit:
+    """The fit with what the dark parts of the elements add to it, where they are close enough to the ring."""
+    pattern = decoder_of(marker).pattern
+    side_px = max(math.dist(fit.corners_px[k], fit.corners_px[k - 1]) for k in range(4))
+    if (marker.gap_fraction - marker.ring_fraction) * side_px > (KNOWING_REACH + CLEARANCE) * sigma_px:
+        return fit
+    lit, half = pattern.openings.copy(), marker.aruco_m / 2
+    for opening, name in zip(lit, ELEMENT_NAMES, strict=True):
+        blob = blobs[name]
+        if isinstance(blob, Blob):
+            along = opening[:2] if name in ("top", "bottom") else opening[2:]
+            along[0] = max(along[0], (blob.offset_m - blob.half_width_m) / half)
+            along[1] = min(along[1], (blob.offset_m + blob.half_width_m) / half)
+    return refined(fit, frame, pattern, lit, sigma_px, noise)
 
 
 def _virtual_points(fit: PatternFit, blobs: dict[str, Blob], half_m: float) -> dict[str, FloatArray]:
@@ -125,14 +154,25 @@ def _find_pattern(
         if decoded is None:
             continue
         first, own = decoded
-        if first.identity != marker.identity and first.correlation > 0.9:
-            other = first.identity
-        if own.correlation < max(MIN_CORRELATION, first.correlation - SLACK):
-            continue
-        fit = fit_pattern(frame, decoder.pattern, np.roll(quad, -own.turn, axis=0), sigma_px, noise, blur_px)
-        if fit is None or fit.unexplained > MAX_UNEXPLAINED or fit.significance < MIN_SIGNIFICANCE:
-            continue
-        checked = decoder.decode(frame, fit.corners_px, sigma_px, noise)
-        if checked is not None and checked[1].turn == 0 and checked[1].correlation > checked[1].rival + MIN_LEAD:
-            return fit, None
+        if own.correlation >= max(MIN_CORRELATION, first.correlation - SLACK):
+            fit = _accepted(frame, decoder, np.roll(quad, -own.turn, axis=0), sigma_px, noise, blur_px)
+            if fit is not None:
+                return fit, None
+        elif other is None and first.identity != marker.identity and first.correlation > MIN_OTHER:
+            stranger = decoder_of(marker.model_copy(update={"identity": first.identity}))
+            if _accepted(frame, stranger, np.roll(quad, -first.turn, axis=0), sigma_px, noise, blur_px) is not None:
+                other = first.identity
     return None, other
+
+
+def _accepted(
+    frame: np.ndarray, decoder: Decoder, corners_px: FloatArray, sigma_px: float, noise: NoiseModel, blur_px: float
+) -> PatternFit | None:
+    """Fit of the decoder's marker from approximate corners, where the pattern explains the light and no other one nearly does."""
+    fit = fit_pattern(frame, decoder.pattern, corners_px, sigma_px, noise, blur_px)
+    if fit is None or fit.unexplained > MAX_UNEXPLAINED or fit.significance < MIN_SIGNIFICANCE:
+        return None
+    checked = decoder.decode(frame, fit.corners_px, sigma_px, noise)
+    if checked is None or checked[1].turn != 0 or checked[1].correlation <= checked[1].rival + MIN_LEAD:
+        return None
+    return fit

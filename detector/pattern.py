@@ -17,12 +17,17 @@ from numpy.typing import NDArray
 
 from detector.compiled import BLOCK, EDGE_REACH, edge, inlined, kernel, wide_kernel
 from radiometry.geometry import FloatArray
-from scenes.marker import MarkerDesign
+from scenes.marker import Element, MarkerDesign
 
 #: Corners of the ArUco in plane coordinates, top left first, clockwise.
 SQUARE = np.array([[-1.0, 1.0], [1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]])
 #: Blur deviations from an edge within which pixels know where it is: 98.9 % of the information, its error function.
 KNOWING_REACH = 1.8
+#: Blur deviations kept clear of light that a model does not know.
+CLEARANCE = 2.5
+#: No rectangle.
+NOWHERE = np.empty((0, 4))
+_NONE = np.empty(0)
 
 
 def kernel_sigma_px(psf_sigma_px: float) -> float:
@@ -198,6 +203,73 @@ def shine(block, cells, sigma_px, used) -> None:
         block.by_x[p], block.by_y[p] = by_x, by_y
 
 
+@wide_kernel
+def _know_edges(inverse, row, first, stride, edges, sigma_px, only, never, wanted) -> None:
+    """Which of every `stride`-th pixel of a row from `first` on `select_pixels` wants; without branches, several at a time."""
+    steps, outer = len(edges) - 3.0, edges[len(edges) - 1]
+    step, per_step = 2 / steps, steps / 2
+    knowing, clear = (KNOWING_REACH * sigma_px) ** 2, CLEARANCE / KNOWING_REACH
+    count = len(wanted)
+    place = np.empty((4, count))
+    x, y, reach_x, reach_y = place[0], place[1], place[2], place[3]
+    for p in range(count):
+        column = first + p * stride
+        w = 1.0 / (inverse[2, 0] * column + inverse[2, 1] * row + inverse[2, 2])
+        x[p] = (inverse[0, 0] * column + inverse[0, 1] * row + inverse[0, 2]) * w
+        y[p] = (inverse[1, 0] * column + inverse[1, 1] * row + inverse[1, 2]) * w
+        xu, xv = (inverse[0, 0] - x[p] * inverse[2, 0]) * w, (inverse[0, 1] - x[p] * inverse[2, 1]) * w
+        yu, yv = (inverse[1, 0] - y[p] * inverse[2, 0]) * w, (inverse[1, 1] - y[p] * inverse[2, 1]) * w
+        square_x, square_y = knowing * (xu * xu + xv * xv), knowing * (yu * yu + yv * yv)
+        # Distance to the nearest of the lines −1, −1 + step, …, 1, and ±outer.
+        to_x = x[p] + 1.0 - step * min(max(math.floor((x[p] + 1.0) * per_step + 0.5), 0.0), steps)
+        to_y = y[p] + 1.0 - step * min(max(math.floor((y[p] + 1.0) * per_step + 0.5), 0.0), steps)
+        out_x, out_y = abs(x[p]) - outer, abs(y[p]) - outer
+        wanted[p] = (min(to_x * to_x, out_x * out_x) < square_x) | (min(to_y * to_y, out_y * out_y) < square_y)
+        reach_x[p], reach_y[p] = clear * math.sqrt(square_x), clear * math.sqrt(square_y)
+    if len(only) > 0:
+        touched = np.zeros(count, np.bool_)
+        for k in range(len(only)):
+            _touch(only[k, 0], only[k, 1], only[k, 2], only[k, 3], x, y, reach_x, reach_y, touched)
+        for p in range(count):
+            wanted[p] &= touched[p]
+    if len(never) > 0:
+        touched = np.zeros(count, np.bool_)
+        for k in range(len(never)):
+            _touch(never[k, 0], never[k, 1], never[k, 2], never[k, 3], x, y, reach_x, reach_y, touched)
+        for p in range(count):
+            wanted[p] &= not touched[p]
+
+
+@wide_kernel
+def _touch(left, right, bottom, top, x, y, reach_x, reach_y, touched) -> None:
+    """Mark the points (n,) within reach of a rectangle."""
+    for p in range(len(touched)):
+        touched[p] |= (
+            (x[p] + reach_x[p] > left)
+            & (x[p] - reach_x[p] < right)
+            & (y[p] + reach_y[p] > bottom)
+            & (y[p] - reach_y[p] < top)
+        )
+
+
+@kernel
+def _sides(matrix, reach, margin_px):
+    """The four sides (4, 3) of a plane's square |x|, |y| <= reach in the image, moved inwards by a margin: pixels (u, v) with
+    a u + b v >= c for every row lie inside. And its area [px²], NaN where it is none."""
+    corners, sides, area = np.empty((4, 2)), np.empty((4, 3)), 0.0
+    for k in range(4):
+        corners[k, 0], corners[k, 1] = image_of(matrix, SQUARE[k, 0] * reach, SQUARE[k, 1] * reach)
+    for k in range(4):
+        a, b = corners[k], corners[(k + 1) % 4]
+        area += (a[0] * b[1] - a[1] * b[0]) / 2
+    for k in range(4):
+        a, b = corners[k], corners[(k + 1) % 4]
+        length = math.sqrt((b[0] - a[0]) ** 2 + (b[1] - a[1]) ** 2) * (1.0 if area > 0 else -1.0)
+        sides[k, 0], sides[k, 1] = (a[1] - b[1]) / length, (b[0] - a[0]) / length
+        sides[k, 2] = sides[k, 0] * a[0] + sides[k, 1] * a[1] + margin_px
+    return sides, abs(area) if area != 0 else np.nan, corners
+
+
 @kernel
 def select_pixels(
     matrix: FloatArray,
@@ -208,71 +280,77 @@ def select_pixels(
     most: float,
     edges: FloatArray,
     sigma_px: float,
+    only: FloatArray,
+    never: FloatArray,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Columns and rows of the pixels within the plane's square |x|, |y| <= reach, less a margin [px].
 
-    With `edges` (n,), plane lines, only those that an edge there, in x or in y, blurs into. Of more than `most`, about that
-    many, spread evenly.
+    With `edges` (n,), a pattern's lines, only those that an edge there, in x or in y, blurs into; of these, where there are
+    rectangles `only` (k, 4), x0, x1, y0, y1, those whose blur touches one, and none that touches one of `never` (k, 4). Of more
+    than `most`, about that many, spread evenly.
     """
-    corners = np.empty((4, 2))
-    for k in range(4):
-        corners[k, 0], corners[k, 1] = image_of(matrix, SQUARE[k, 0] * reach, SQUARE[k, 1] * reach)
-    grow = max(-margin_px, 0.0)
-    low, high = corners[0] - grow, corners[0] + grow
-    area, twice = 0.0, 0.0
-    for k in range(4):
-        a, b = corners[k], corners[(k + 1) % 4]
-        twice += a[0] * b[1] - a[1] * b[0]
-        for j in range(2):
-            low[j], high[j] = min(low[j], a[j] - grow), max(high[j], a[j] + grow)
-    area = abs(twice) / 2
     none = np.empty(0, np.int64)
-    if not (math.isfinite(area) and area > 0):
+    sides, area, corners = _sides(matrix, reach, margin_px)
+    if not math.isfinite(area):
         return none, none
-    # Signed distances to the four sides, positive inside whatever the handedness: n · p − offset.
-    normal, offset = np.empty((4, 2)), np.empty(4)
-    for k in range(4):
-        a, b = corners[k], corners[(k + 1) % 4]
-        length = math.hypot(b[0] - a[0], b[1] - a[1]) * (1.0 if twice > 0 else -1.0)
-        normal[k, 0], normal[k, 1] = (a[1] - b[1]) / length, (b[0] - a[0]) / length
-        offset[k] = normal[k, 0] * a[0] + normal[k, 1] * a[1] + margin_px
+    grow = max(-margin_px, 0.0)
     near, share = len(edges) > 0, 1.0
     if near:
         strip = 2 * KNOWING_REACH * sigma_px * len(edges) / math.sqrt(area)
         share = 1 - max(1 - strip, 0.0) ** 2
     stride = int(min(area * share / most, 1e6)) + 1
-    x0, y0 = max(math.floor(low[0]), 0), max(math.floor(low[1]), 0)
-    x1, y1 = min(math.ceil(high[0]), width - 1), min(math.ceil(high[1]), height - 1)
+    y0, y1 = max(math.floor(corners[:, 1].min() - grow), 0), min(math.ceil(corners[:, 1].max() + grow), height - 1)
+    x0, x1 = max(math.floor(corners[:, 0].min() - grow), 0), min(math.ceil(corners[:, 0].max() + grow), width - 1)
     if x1 < x0 or y1 < y0:
         return none, none
     columns = np.empty((y1 - y0 + 1) * ((x1 - x0) // stride + 1), np.int64)
     rows = np.empty_like(columns)
-    inverse = inverse3(matrix)
-    count = 0
+    inverse, count = inverse3(matrix), 0
+    wanted = np.ones((x1 - x0) // stride + 1, np.bool_)
     for row in range(y0, y1 + 1):
+        low, high = float(x0), float(x1)
+        for k in range(4):
+            room = sides[k, 2] - sides[k, 1] * row
+            if sides[k, 0] > 0:
+                low = max(low, room / sides[k, 0])
+            elif sides[k, 0] < 0:
+                high = min(high, room / sides[k, 0])
+            elif room > 0:
+                high = -1.0
         start = int((row * 0.6180339887498949) % 1.0 * stride)  # golden ratio: no row, column or diagonal is left out
-        for column in range(x0 + start, x1 + 1, stride):
-            inside = True
-            for k in range(4):
-                inside &= normal[k, 0] * column + normal[k, 1] * row >= offset[k]
-            if inside and near:
-                x, y, _, xu, xv, yu, yv = plane_point(inverse, column, row)
-                at_x = KNOWING_REACH * sigma_px * math.sqrt(xu * xu + xv * xv)
-                at_y = KNOWING_REACH * sigma_px * math.sqrt(yu * yu + yv * yv)
-                inside = False
-                for edge in edges:
-                    inside |= abs(x - edge) < at_x or abs(y - edge) < at_y
-            if inside:
-                columns[count], rows[count] = column, row
-                count += 1
+        first = x0 + start + stride * max(math.ceil((low - x0 - start) / stride), 0)
+        length = (math.floor(high) - first) // stride + 1
+        if length <= 0:
+            continue
+        if near:
+            _know_edges(inverse, row, first, stride, edges, sigma_px, only, never, wanted[:length])
+        for p in range(length):
+            columns[count], rows[count] = first + p * stride, row
+            count += wanted[p]
     return columns[:count].copy(), rows[:count].copy()
+
+
+@kernel
+def is_inside(matrix: FloatArray, reach: float, height: int, width: int) -> bool:
+    """Whether the plane's square |x|, |y| <= reach lies within the image."""
+    inside = True
+    for k in range(4):
+        u, v = image_of(matrix, SQUARE[k, 0] * reach, SQUARE[k, 1] * reach)
+        inside &= -0.5 < u < width - 0.5 and -0.5 < v < height - 0.5
+    return inside
 
 
 def pixels_within(matrix: FloatArray, reach: float, shape: tuple[int, int], margin_px: float = 0.0) -> FloatArray:
     """Pixel centres (n, 2) of an image of `shape` that lie in the plane's square |x|, |y| <= reach, less a margin [px]."""
-    return np.stack(select_pixels(matrix, reach, shape[0], shape[1], margin_px, np.inf, np.empty(0), 0.0), -1).astype(
-        float
-    )
+    return np.stack(pixels_of(matrix, reach, shape, margin_px, np.inf), -1).astype(float)
+
+
+def pixels_of(
+    matrix: FloatArray, reach: float, shape: tuple[int, ...], margin_px: float, most: float
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Columns and rows of the pixels of an image of `shape` within a square of the plane; see `select_pixels`."""
+    columns, rows = select_pixels(matrix, reach, shape[0], shape[1], margin_px, most, _NONE, 0.0, NOWHERE, NOWHERE)
+    return columns, rows
 
 
 @kernel
@@ -304,6 +382,14 @@ def _pattern_values(columns, rows, matrix, sigma_px, lines, cells):
     return value, gradient
 
 
+def opening_of(element: Element, low_m: float, high_m: float) -> FloatArray:
+    """Rectangle x0, x1, y0, y1 [m] of an element's opening between two coordinates along it."""
+    middle, half = element.shift_m, element.length_m / 2
+    along = np.clip([low_m, high_m], middle - half, middle + half)
+    across = float(element.centre_m @ element.across) + np.array([-0.5, 0.5]) * element.width_m
+    return np.concatenate([along, across] if abs(element.along[0]) > 0.5 else [across, along])
+
+
 class Pattern:
     """Reflectance of the ArUco (border included) and its ring as cells between grid lines; nothing outside reflects."""
 
@@ -312,8 +398,11 @@ class Pattern:
         count = len(marker.bits)
         ring = 1 + 2 * marker.ring_fraction
         self.lines = np.concatenate([[-ring], np.linspace(-1, 1, count + 1), [ring]])
-        #: Plane coordinates within which nothing but the pattern and absorber is seen.
-        self.reach = 1 + 2 * marker.gap_fraction
+        #: Plane coordinates of the ring's outer edge, and of the marker's outline.
+        self.ring, self.outline = ring, marker.size_m / marker.aruco_m
+        half = marker.aruco_m / 2
+        #: Openings of the elements (4, 4): x0, x1, y0, y1.
+        self.openings = np.array([opening_of(e, -e.length_m, e.length_m) for e in marker.elements]) / half
 
     @cached_property
     def cells(self) -> FloatArray:

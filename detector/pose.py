@@ -51,9 +51,9 @@ def solve_pose(features: Features, marker: MarkerDesign, camera: Camera) -> Pose
     if features.corners_px is None or features.corners_covariance_px2 is None:
         return None
     problem = problem_of([(features, marker, np.zeros(3))], camera)
-    rotations, translations = np.empty((3, 3, 3)), np.empty((3, 3))
-    count = first_poses(problem, marker.aruco_m / 2, rotations, translations)
-    return best_pose(problem, rotations[:count], translations[:count])
+    rotations, translations = np.empty((2, 3, 3)), np.empty((2, 3))
+    first_poses(problem, marker.aruco_m / 2, rotations, translations)
+    return best_pose(problem, rotations, translations)
 
 
 def problem_of(found: Sequence[tuple[Features, MarkerDesign, FloatArray]], camera: Camera) -> Problem:

@@ -7,13 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from detector.compiled import kernel, solve_scaled
+from detector.compiled import inlined, kernel, solve_scaled
 from detector.pattern import homography_through, inverse3, plane_point
 from radiometry.geometry import FloatArray
 
 MAX_ITERATIONS = 25
 #: Relative change of chi-square that ends a descent.
-SETTLED = 1e-6
+SETTLED = 1e-5
 #: Both starts of IPPE are tilted by this much at least, or a frontal marker's would be one and the same [rad].
 LEAST_TILT_RAD = 0.1
 
@@ -38,78 +38,85 @@ class Problem(NamedTuple):
         return 8 * len(self.corners_px) + len(self.blobs_px)
 
 
-@kernel
-def _image(x, by_pose, arm, lens_px):
-    """Projection (2,) of a camera point (3,), and its derivatives (2, 6) by (ω, t) where it is R·p + t with R·p = `arm`."""
-    image = np.empty(2)
-    for axis in range(2):
-        flat, focal = x[axis] / x[2], lens_px[axis] / x[2]
-        image[axis] = flat * lens_px[axis] + lens_px[2 + axis]
-        by_pose[axis, 3:] = 0.0
-        by_pose[axis, 3 + axis], by_pose[axis, 5] = focal, -focal * flat
-        # d(ω × arm) = −[arm]× ω
-        gx, gy, gz = by_pose[axis, 3], by_pose[axis, 4], by_pose[axis, 5]
-        by_pose[axis, 0] = gz * arm[1] - gy * arm[2]
-        by_pose[axis, 1] = gx * arm[2] - gz * arm[0]
-        by_pose[axis, 2] = gy * arm[0] - gx * arm[1]
-    return image
+@inlined
+def _times(m, x, y, z):
+    """Product of a (3, 3) matrix and a vector."""
+    return (
+        m[0, 0] * x + m[0, 1] * y + m[0, 2] * z,
+        m[1, 0] * x + m[1, 1] * y + m[1, 2] * z,
+        m[2, 0] * x + m[2, 1] * y + m[2, 2] * z,
+    )
+
+
+@inlined
+def _image(lens_px, translation, ax, ay, az, by_pose):
+    """Projection of a point, its arm R·p from the origin given, and in `by_pose` its derivatives (2, 6) by (ω, t)."""
+    x, y, z = ax + translation[0], ay + translation[1], az + translation[2]
+    fx, fy = lens_px[0] / z, lens_px[1] / z
+    gz, hz = -fx * x / z, -fy * y / z
+    # d(ω × arm) = −[arm]× ω
+    by_pose[0, 0], by_pose[0, 1], by_pose[0, 2] = gz * ay, fx * az - gz * ax, -fx * ay
+    by_pose[0, 3], by_pose[0, 4], by_pose[0, 5] = fx, 0.0, gz
+    by_pose[1, 0], by_pose[1, 1], by_pose[1, 2] = hz * ay - fy * az, -hz * ax, fy * ax
+    by_pose[1, 3], by_pose[1, 4], by_pose[1, 5] = 0.0, fy, hz
+    return fx * x + lens_px[2], fy * y + lens_px[3]
 
 
 @kernel
 def residuals(problem, rotation, translation, residual, jacobian):
     """Whitened residuals (m,) of a pose and their derivatives (m, 6) by (ω, t)."""
+    lens_px, r = problem.lens_px, rotation
     by_pose, plain, slope = np.empty((2, 6)), np.empty(8), np.empty((8, 6))
     for q in range(len(problem.corners_px)):
         for k in range(4):
-            arm = _times(rotation, problem.corners_m[q, k])
-            image = _image(arm + translation, by_pose, arm, problem.lens_px)
-            for axis in range(2):
-                plain[2 * k + axis] = problem.corners_px[q, k, axis] - image[axis]
-                slope[2 * k + axis] = -by_pose[axis]
+            place = problem.corners_m[q, k]
+            ax, ay, az = _times(r, place[0], place[1], place[2])
+            u, v = _image(lens_px, translation, ax, ay, az, by_pose)
+            plain[2 * k], plain[2 * k + 1] = problem.corners_px[q, k, 0] - u, problem.corners_px[q, k, 1] - v
+            for c in range(6):
+                slope[2 * k, c], slope[2 * k + 1, c] = -by_pose[0, c], -by_pose[1, c]
         for i in range(8):
             row = 8 * q + i
-            residual[row], jacobian[row] = 0.0, 0.0
+            residual[row] = 0.0
+            for c in range(6):
+                jacobian[row, c] = 0.0
             for j in range(i + 1):
-                residual[row] += problem.whiten[q, i, j] * plain[j]
-                jacobian[row] += problem.whiten[q, i, j] * slope[j]
-    camera = -_times(rotation.T, translation)
-    camera_by_pose = np.zeros(6)
+                part = problem.whiten[q, i, j]
+                residual[row] += part * plain[j]
+                for c in range(6):
+                    jacobian[row, c] += part * slope[j, c]
+    tx, ty, tz = translation
+    # The camera in the marker's frame, C = −Rᵀt.
+    camera_x = -(r[0, 0] * tx + r[1, 0] * ty + r[2, 0] * tz)
+    camera_y = -(r[0, 1] * tx + r[1, 1] * ty + r[2, 1] * tz)
+    camera_z = -(r[0, 2] * tx + r[1, 2] * ty + r[2, 2] * tz)
     for b in range(len(problem.blobs_px)):
-        along, (offset, depth) = problem.along[b], problem.virtual_m[b]
-        seat = camera - problem.place_m[b]
+        along, place, element = problem.along[b], problem.place_m[b], problem.element_m[b]
+        offset, depth = problem.virtual_m[b]
         # The plane through camera and virtual line cuts the front plane at u = u₀ + (C·along − u₀) V / (V + C_z).
-        height = depth + seat[2]
-        travel = along[0] * seat[0] + along[1] * seat[1] - offset
+        height = depth + camera_z - place[2]
+        travel = along[0] * (camera_x - place[0]) + along[1] * (camera_y - place[1]) - offset
         u = offset + travel * depth / height
-        axis, normal = _times(rotation, along), rotation[:, 2]
-        # C = −Rᵀt moves by Rᵀ(ω × t − δt).
-        for j in range(3):
-            camera_by_pose[3 + j] = -depth / height * (axis[j] - travel / height * normal[j])
-        for j in range(3):
-            a, c = (j + 1) % 3, (j + 2) % 3
-            camera_by_pose[j] = camera_by_pose[3 + a] * translation[c] - camera_by_pose[3 + c] * translation[a]
-        arm = _times(rotation, problem.place_m[b] + problem.element_m[b] + u * along)
-        point = arm + translation
-        image = _image(point, by_pose, arm, problem.lens_px)
-        along_px = np.empty(2)
-        for k in range(2):
-            along_px[k] = problem.lens_px[k] / point[2] * (axis[k] - point[k] / point[2] * axis[2])
-        length = math.hypot(along_px[0], along_px[1])
+        ex, ey, ez = _times(r, along[0], along[1], along[2])
+        # C moves by Rᵀ(ω × t − δt), and u by its part along the element less what it gains in height.
+        rate, lift = depth / height, travel / height
+        mx, my, mz = -rate * (ex - lift * r[0, 2]), -rate * (ey - lift * r[1, 2]), -rate * (ez - lift * r[2, 2])
+        ax, ay, az = _times(
+            r,
+            place[0] + element[0] + u * along[0],
+            place[1] + element[1] + u * along[1],
+            place[2] + element[2] + u * along[2],
+        )
+        seen_u, seen_v = _image(lens_px, translation, ax, ay, az, by_pose)
+        z = az + tz
+        px, py = lens_px[0] / z * (ex - (ax + tx) / z * ez), lens_px[1] / z * (ey - (ay + ty) / z * ez)
+        scale = 1 / (math.sqrt(px * px + py * py) * problem.blob_sigma_px[b])
         row = 8 * len(problem.corners_px) + b
-        residual[row], jacobian[row] = 0.0, 0.0
-        for k in range(2):
-            part = along_px[k] / length / problem.blob_sigma_px[b]
-            residual[row] += part * (problem.blobs_px[b, k] - image[k])
-            jacobian[row] -= part * (by_pose[k] + along_px[k] * camera_by_pose)
-
-
-@kernel
-def _times(matrix, vector):
-    """Product of a (3, 3) matrix and a vector (3,)."""
-    out = np.empty(3)
-    for i in range(3):
-        out[i] = matrix[i, 0] * vector[0] + matrix[i, 1] * vector[1] + matrix[i, 2] * vector[2]
-    return out
+        residual[row] = scale * (px * (problem.blobs_px[b, 0] - seen_u) + py * (problem.blobs_px[b, 1] - seen_v))
+        slide = px * px + py * py  # how the image moves as u does, along the element's image
+        moves = (my * tz - mz * ty, mz * tx - mx * tz, mx * ty - my * tx, mx, my, mz)
+        for c in range(6):
+            jacobian[row, c] = -scale * (px * by_pose[0, c] + py * by_pose[1, c] + slide * moves[c])
 
 
 @kernel
@@ -124,16 +131,18 @@ def minimise(problem, count, rotations, translations, cost):
         cost[k] = (residual * residual).sum()
         for _ in range(MAX_ITERATIONS):
             for i in range(6):
-                rhs[i] = -(jacobian[:, i] * residual).sum()
-                for j in range(6):
-                    normal[i, j] = (jacobian[:, i] * jacobian[:, j]).sum()
+                rhs[i] = 0.0
+                for m in range(count):
+                    rhs[i] -= jacobian[m, i] * residual[m]
+                for j in range(i + 1):
+                    total = 0.0
+                    for m in range(count):
+                        total += jacobian[m, i] * jacobian[m, j]
+                    normal[i, j] = normal[j, i] = total
             if not (math.isfinite(cost[k]) and solve_scaled(normal, rhs, damping, step)):
                 cost[k] = np.inf
                 break
-            turned = np.empty((3, 3))
-            turn = exponential(step[:3])
-            for j in range(3):
-                turned[:, j] = _times(turn, rotation[:, j])
+            turned = _product(exponential(step[:3]), rotation)
             moved = translation + step[3:]
             new = np.inf
             if moved[2] > 0:
@@ -159,13 +168,16 @@ def exponential(omega):
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     out = np.eye(3)
     for i in range(3):
-        out[i] += sine * cross[i] + versine * _times(cross.T, cross[i])
+        for j in range(3):
+            square = cross[i, 0] * cross[0, j] + cross[i, 1] * cross[1, j] + cross[i, 2] * cross[2, j]
+            out[i, j] += sine * cross[i, j] + versine * square
     return out
 
 
 @kernel
-def first_poses(problem, half_m, rotations, translations) -> int:
-    """Poses to start from, as many as it returns: both of IPPE, and the one that blobs along both axes point at.
+def first_poses(problem, half_m, rotations, translations) -> None:
+    """Both poses (2, 3, 3) and (2, 3) to start from: those of IPPE; or the one that blobs along both axes point at, and the one
+    of IPPE's that is further from it.
 
     IPPE: Collins and Bartoli, "Infinitesimal plane-based pose estimation", IJCV 109 (2014), from the homography's derivative at
     the marker's centre.
@@ -201,11 +213,12 @@ def first_poses(problem, half_m, rotations, translations) -> int:
         translations[k] = sight / scale
     towards = _camera_direction(problem, image, half_m, 1.0 / scale)
     if not (math.isfinite(towards[0]) and math.isfinite(towards[1])):
-        return 2
+        return
     across = np.array([slope[0, 0], slope[1, 0], 0.0])
-    rotations[2] = _product(_basis(-sight, across), _basis(towards, np.array([1.0, 0.0, 0.0])).T)
-    translations[2] = sight / scale
-    return 3
+    pointed = _product(_basis(-sight, across), _basis(towards, np.array([1.0, 0.0, 0.0])).T)
+    # The nearer one would only lead to the same minimum: that with the larger trace of Rᵀ R'.
+    nearer = 0 if (rotations[0] * pointed).sum() > (rotations[1] * pointed).sum() else 1
+    rotations[nearer] = pointed
 
 
 @kernel
@@ -251,7 +264,7 @@ def _product(a, b):
     """Product of two (3, 3) matrices."""
     out = np.empty((3, 3))
     for j in range(3):
-        out[:, j] = _times(a, b[:, j])
+        out[0, j], out[1, j], out[2, j] = _times(a, b[0, j], b[1, j], b[2, j])
     return out
 
 

@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from detector.compiled import kernel
+from detector.compiled import kernel, normal_cdf
 from radiometry.geometry import FloatArray
 from scenes.marker import Element, MarkerDesign
 
@@ -28,7 +28,7 @@ class Slits:
 
     def __init__(self, marker: MarkerDesign, element: Element, camera_m: FloatArray, light_ring_m: float = 0.0):
         self.pitch = element.length_m / marker.slit_count
-        self.start = -element.length_m / 2
+        self.start = element.shift_m - element.length_m / 2
         self.count = marker.slit_count
         self.half_slat = marker.slat_fraction * self.pitch / 2
         depth = element.depth_m
@@ -53,6 +53,11 @@ class Slits:
         #: Start, pitch, half slat and follow, for the kernels.
         self.numbers = np.array([self.start, self.pitch, self.half_slat, self.follow])
 
+    @property
+    def middle(self) -> float:
+        """Middle of the opening [m]."""
+        return self.start + self.count * self.pitch / 2
+
     def seen_up_to(self, u: FloatArray, blob: FloatArray) -> FloatArray:
         """Length of lit floor seen below each u (n,) for each blob coordinate (k,), mean over the lights, (k, n) [m]."""
         low = self.start + self.half_slat + self.pitch * np.arange(self.count)
@@ -67,7 +72,7 @@ class Slits:
 
     def cut_fraction(self, blob: float) -> float:
         """Part of the blob's triangle that lies beyond the ends of the element."""
-        room = min(max((self.count * self.pitch / 2 - abs(blob)) / self.half_width, -1.0), 1.0)
+        room = min(max((self.count * self.pitch / 2 - abs(blob - self.middle)) / self.half_width, -1.0), 1.0)
         return (1 - room) ** 2 / 2 if room > 0 else 1 - (1 + room) ** 2 / 2
 
 
@@ -98,38 +103,56 @@ def lit_cells(numbers, slit_count, beside, blob, low, step, lit) -> None:
             lit[last] += (b - last) * share
 
 
-#: Cells of the light's grid per blur deviation, and how far the blur reaches, in cells.
-CELLS_PER_SIGMA, BLUR_CELLS = 2, 8
+#: How far the blur reaches, in deviations.
+BLUR_REACH = 4.5
 
 
 @kernel
-def blurred_cells(numbers, slit_count, beside, blob, sigma):
-    """Light of a blob in cells (n,) along the element, blurred by `sigma` [m]; 1 is fully lit floor. The grid is centred on the
-    element's middle and reaches beyond its ends; so the place of cell k is (k + 0.5 − n/2) cells."""
-    step = sigma / CELLS_PER_SIGMA
-    cells = math.ceil(-2 * numbers[0] / step) + 2 * BLUR_CELLS + 4
-    lit, blurred, taps = np.empty(cells), np.zeros(cells), np.empty(2 * BLUR_CELLS + 1)
-    lit_cells(numbers, slit_count, beside, blob, -cells / 2 * step, step, lit)
+def blur_taps(blur, cells_per_sigma):
+    """Size of a grid's cells [m], so many per deviation of the blur, and the weights (2n + 1,) of the cells around a place.
+
+    `blur`: standard deviation of the point spread, and the two sides of a pixel projected onto the element [m]. Their
+    convolution is a trapezoid blurred by a Gaussian, a fourth difference of ∫∫ of the Gaussian.
+    """
+    sigma, wide, narrow = blur[0], max(blur[1], blur[2]), min(blur[1], blur[2])
+    step = math.sqrt(sigma**2 + (wide**2 + narrow**2) / 12) / cells_per_sigma
     # Cells and the interpolation between them blur by step²/12 and step²/6; the Gaussian does the rest.
-    total = 0.0
-    for k in range(-BLUR_CELLS, BLUR_CELLS + 1):
-        taps[k + BLUR_CELLS] = math.exp(-0.5 * (k * step) ** 2 / (sigma**2 - step**2 / 4))
-        total += taps[k + BLUR_CELLS]
-    taps /= total
+    sigma = math.sqrt(max(sigma**2 - step**2 / 4, 0.01 * step**2))
+    narrow = max(narrow, 0.01 * wide)
+    reach = math.ceil(BLUR_REACH * cells_per_sigma)
+    taps = np.empty(2 * reach + 1)
+    for k in range(-reach, reach + 1):
+        tap = 0.0
+        for one in (-1.0, 1.0):
+            for two in (-1.0, 1.0):
+                z = (k * step + (one * wide + two * narrow) / 2) / sigma
+                tap += one * two * (z * normal_cdf(z) + math.exp(-0.5 * z * z) / math.sqrt(2 * math.pi))
+        taps[k + reach] = tap
+    return step, taps / taps.sum()
+
+
+@kernel
+def blurred_cells(numbers, slit_count, beside, blob, step, taps):
+    """Light of a blob in cells (n,) along the element, blurred by taps; 1 is fully lit floor. The grid is centred on the
+    element's middle and reaches beyond its ends; so the place of cell k is (k + 0.5 − n/2) cells from there."""
+    length, reach = slit_count * numbers[1], len(taps) // 2
+    cells = math.ceil(length / step) + 2 * reach + 4
+    lit, blurred = np.empty(cells), np.zeros(cells)
+    lit_cells(numbers, slit_count, beside, blob, numbers[0] + length / 2 - cells / 2 * step, step, lit)
     for cell in range(cells):
         if lit[cell] > 0:
-            for k in range(max(-BLUR_CELLS, -cell), min(BLUR_CELLS, cells - 1 - cell) + 1):
-                blurred[cell + k] += lit[cell] * taps[k + BLUR_CELLS]
+            for k in range(max(-reach, -cell), min(reach, cells - 1 - cell) + 1):
+                blurred[cell + k] += lit[cell] * taps[k + reach]
     return blurred
 
 
 @kernel
-def blob_profile(numbers, slit_count, beside, blob, sigma, places, profile) -> None:
+def blob_profile(numbers, slit_count, beside, blob, step, taps, places, profile) -> None:
     """Light of a blob in `profile` (n,) at places (n,) along the element; see `blurred_cells`."""
-    blurred = blurred_cells(numbers, slit_count, beside, blob, sigma)
-    cells, scale = len(blurred), CELLS_PER_SIGMA / sigma
+    blurred = blurred_cells(numbers, slit_count, beside, blob, step, taps)
+    cells, middle = len(blurred), numbers[0] + slit_count * numbers[1] / 2
     for p in range(len(places)):
-        at = min(max(places[p] * scale + cells / 2 - 0.5, 0.0), cells - 1.001)
+        at = min(max((places[p] - middle) / step + cells / 2 - 0.5, 0.0), cells - 1.001)
         index = int(at)
         part = at - index
         profile[p] = blurred[index] * (1 - part) + blurred[index + 1] * part

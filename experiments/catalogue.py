@@ -1,15 +1,13 @@
-"""What can be chosen by name in a scenario: sensors, lenses, LEDs, filters and tapes, with their main figures and sources."""
+"""What can be chosen by name in a scenario: sensors, lenses, LEDs, filters, markers and tapes, with main figures and sources."""
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass
-from importlib.resources import files
 from typing import Any
 
 import numpy as np
 
-from experiments.presets import SECTIONS, presets
+from experiments.presets import presets, table
 from materials import library
 from materials.library import END_OF_LIFE
 
@@ -42,6 +40,10 @@ SHOWN: dict[str, tuple[str, dict[str, str]]] = {
             "from (nm)": "low_nm", "to (nm)": "high_nm", "transmission": "transmission",
             "index of angle shift": "effective_index",
         },
+    ),
+    "marker": (
+        "Markers",
+        {"dictionary": "dictionary", "ring (of the ArUco's side)": "ring_fraction", "gap": "gap_fraction"},
     ),
     "target": (
         "Tapes",
@@ -79,7 +81,7 @@ def catalogue(section: str) -> list[Entry]:
         return _tapes()
     if section == "sensor":
         return _sensors()
-    data = tomllib.loads((files("radiometry") / "data" / f"{SECTIONS[section]}.toml").read_text(encoding="utf-8"))
+    data = table(section)
     return [
         Entry(f"{section}.preset", name, values, str(data[name]["source"])) for name, values in presets(section).items()
     ]

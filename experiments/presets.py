@@ -9,20 +9,29 @@ from typing import Any
 
 from experiments.messages import nearest
 
-#: Sections that take a preset, and the data file in radiometry/data of those that are not the sensor's.
-SECTIONS = {"camera": "lenses", "filter": "filters", "leds": "leds", "sensor": None}
+#: Sections that take a preset, and the data file, package and name, of those that are not the sensor's.
+SECTIONS = {
+    "camera": ("radiometry", "lenses"), "filter": ("radiometry", "filters"), "leds": ("radiometry", "leds"),
+    "marker": ("scenes", "markers"), "sensor": None,
+}  # fmt: skip
 
 
 @cache
 def presets(section: str) -> dict[str, dict[str, Any]]:
     """Fields of every preset of a section, by name, without its source."""
-    table = SECTIONS[section]
-    if table is None:
+    if SECTIONS[section] is None:
         from detector.sensor import presets as sensors
 
         return {name: preset.sensor.model_dump() for name, preset in sensors().items()}
-    data = tomllib.loads((files("radiometry") / "data" / f"{table}.toml").read_text(encoding="utf-8"))
-    return {name: {k: v for k, v in fields.items() if k != "source"} for name, fields in data.items()}
+    return {name: {k: v for k, v in fields.items() if k != "source"} for name, fields in table(section).items()}
+
+
+def table(section: str) -> dict[str, dict[str, Any]]:
+    """The data file of a section that has one: fields and source of every preset, by name."""
+    place = SECTIONS[section]
+    assert place is not None
+    package, name = place
+    return tomllib.loads((files(package) / "data" / f"{name}.toml").read_text(encoding="utf-8"))
 
 
 def expand(data: dict[str, Any]) -> dict[str, Any]:

@@ -18,6 +18,8 @@ from typing import Protocol, TypeVar
 
 Result = TypeVar("Result")
 
+GONE = "scheduler or workers have gone; what is done is kept, --resume goes on with it"
+
 #: Read by the BLAS libraries of numpy and scipy when they are loaded.
 _BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -60,7 +62,11 @@ class Crew(Protocol):
         """What a task's future raises when the worker died that ran it."""
 
     def width(self) -> int:
-        """Tasks that run at a time, one at least; that of a cluster changes."""
+        """Tasks that run at a time, one at least; that of a cluster changes.
+
+        Raises:
+            RuntimeError: when the workers have gone altogether.
+        """
 
     def submit(self, function: Callable[..., Result], *arguments: object) -> Future[Result]:
         """Run a function, importable by name, in one of the workers."""
@@ -128,7 +134,10 @@ class Cluster:
         self._executor: Executor = self._client.get_executor(pure=False)
 
     def width(self) -> int:
-        return max(1, sum(self._client.nthreads().values()))
+        try:
+            return max(1, sum(self._client.nthreads().values()))
+        except OSError as error:
+            raise RuntimeError(GONE) from error
 
     def submit(self, function: Callable[..., Result], *arguments: object) -> Future[Result]:
         return self._executor.submit(function, *arguments)

@@ -52,8 +52,8 @@ SEARCH_DIRECTORIES = (
     "/usr/local/opt/llvm*/lib",
     "/home/linuxbrew/.linuxbrew/opt/llvm*/lib",
 )
-# `python benchmarks/variants.py` prints this ratio: 32 on an idle two-core machine, about 10 on a busy one.
-SLOWDOWN = "about thirty times slower"
+# `python -m benchmarks variants` prints this ratio for a transport basis.
+SLOWDOWN = "about a hundred times slower"
 
 _LIBRARY_NAME = re.compile(r"libLLVM(?:-(\d+(?:\.\d+)*))?(?:\.so(?:\.(\d+(?:\.\d+)*))?|\.dylib)")
 _VERSIONED_DIRECTORY = re.compile(r"/llvm(?:[-@/]|/[^/]*/)?(\d+(?:\.\d+)*)[^/]*/lib")

@@ -23,6 +23,14 @@ from radiometry.geometry import FloatArray
 Mesh = tuple[FloatArray, NDArray[np.uint32]]
 ELEMENT_NAMES = ("top", "right", "bottom", "left")
 
+#: Dictionaries that OpenCV has not, by name: rows of bits of each identity, 1 reflective. Of 3 × 3 bits, four patterns are the
+#: most of which every two, in whatever turns, and every one and itself turned, differ in four bits (exhaustive search).
+OWN_DICTIONARIES = {"MANTIS_3X3_4": ("100 011 100", "111 001 110", "111 110 100", "110 000 000")}
+#: Largest depth of a marker [m]: 10 mm with a tolerance of 5 mm (thesis, SYS-REQ-14).
+DEPTH_LIMIT_M, DEPTH_TOLERANCE_M = 0.010, 0.005
+#: Thinnest slat and narrowest slit that a common printer makes [m]: its nozzle's width (assumption).
+PRINTABLE_M = 0.0004
+
 Fraction = Annotated[float, Field(gt=0, lt=1, allow_inf_nan=False)]
 Offset = Annotated[float, Field(allow_inf_nan=False)]
 
@@ -66,7 +74,10 @@ class MarkerDesign(BaseModel):
     size_m: Annotated[float, Field(gt=0, le=10, allow_inf_nan=False)] = Field(
         0.10, description="side of the marker [m]"
     )
-    dictionary: str = Field("4X4_50", description="OpenCV dictionary without its DICT_ prefix")
+    dictionary: str = Field(
+        "4X4_50",
+        description="OpenCV dictionary without its DICT_ prefix, AprilTag families too; or MANTIS_3X3_4, four identities",
+    )
     identity: int = Field(0, ge=0, description="index in the dictionary")
     aruco_fraction: Fraction = Field(0.525, description="ArUco side over marker side, black border included")
     ring_fraction: Fraction = Field(0.12, description="width of the reflective ring around the ArUco")
@@ -86,9 +97,10 @@ class MarkerDesign(BaseModel):
     )
 
     def model_post_init(self, _: object) -> None:
-        if f"DICT_{self.dictionary}" not in dir(cv2.aruco):
+        if self.dictionary not in OWN_DICTIONARIES and f"DICT_{self.dictionary}" not in dir(cv2.aruco):
             raise ValueError(
-                f"dictionary: {self.dictionary!r} is not one of OpenCV's (say '4X4_50' or 'APRILTAG_36h11')"
+                f"dictionary: {self.dictionary!r} is not one of OpenCV's (say '4X4_50' or 'APRILTAG_36h11') nor of "
+                f"{', '.join(OWN_DICTIONARIES)}"
             )
         if self.identity >= len(aruco_dictionary(self.dictionary).bytesList):
             raise ValueError(
@@ -136,6 +148,24 @@ class MarkerDesign(BaseModel):
     def element_depth_m(self) -> float:
         """Depth of an element's cavity below the front plane [m]."""
         return self.element_depth_fraction * self.element_length_m
+
+    def shortcomings(self) -> tuple[str, ...]:
+        """What keeps the design from being flat and being printed, one line each; none where nothing does.
+
+        Depth of the marker against SYS-REQ-14 of the thesis, slats and slits against what a printer's nozzle can make.
+        """
+        pitch = self.element_length_m / self.slit_count
+        floor = 1 - self.element_depth_fraction / self.virtual_depth_fraction  # slits and slats narrow towards the line
+        found = []
+        if self.thickness_m > DEPTH_LIMIT_M + DEPTH_TOLERANCE_M:
+            found.append(
+                f"depth {1e3 * self.thickness_m:.1f} mm; at most {1e3 * DEPTH_LIMIT_M:g} mm with a tolerance of "
+                f"{1e3 * DEPTH_TOLERANCE_M:g} mm (SYS-REQ-14)"
+            )
+        for part, width in (("slats", self.slat_fraction * pitch), ("slits", (1 - self.slat_fraction) * pitch * floor)):
+            if width < 0.99 * PRINTABLE_M:
+                found.append(f"{part} {1e3 * width:.2f} mm wide; at least {1e3 * PRINTABLE_M:g} mm can be printed")
+        return tuple(found)
 
     @property
     def thickness_m(self) -> float:
@@ -277,9 +307,17 @@ class MarkerDesign(BaseModel):
         return floor, solid
 
 
+@lru_cache
 def aruco_dictionary(name: str) -> cv2.aruco.Dictionary:
-    """OpenCV's dictionary of that name, without its DICT_ prefix."""
-    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{name}"))
+    """Dictionary of a name: of `OWN_DICTIONARIES`, or OpenCV's without its DICT_ prefix."""
+    if name not in OWN_DICTIONARIES:
+        return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{name}"))
+    patterns = [
+        np.array([[int(bit) for bit in row] for row in rows.split()], np.uint8) for rows in OWN_DICTIONARIES[name]
+    ]
+    as_bytes = [cv2.aruco.Dictionary.getByteListFromBits(pattern) for pattern in patterns]
+    # Bits that may be wrong where OpenCV decodes: half the least distance, rounded down, less than half.
+    return cv2.aruco.Dictionary(np.concatenate(as_bytes), len(patterns[0]), 1)
 
 
 @lru_cache

@@ -51,11 +51,12 @@ def feature_points(marker: MarkerDesign) -> dict[str, object]:
         "elements": {
             e.name: {
                 "centre": e.centre_m.tolist(), "along": e.along.tolist(), "across": e.across.tolist(),
-                "length": e.length_m, "width": e.width_m, "depth": e.depth_m,
+                "length": e.length_m, "width": e.width_m, "depth": e.depth_m, "shift": e.shift_m,
                 "virtual_offset": e.virtual_offset_m, "virtual_depth": e.virtual_depth_m,
             }
             for e in marker.elements
         },
+        "shortcomings": list(marker.shortcomings()),
         "design": marker.model_dump(mode="json"),
     }  # fmt: skip
 
@@ -78,15 +79,15 @@ def _box(x0: float, x1: float, y0: float, y1: float, z0: float, z1: float) -> Fl
 def _element_solids(marker: MarkerDesign, e: Element) -> list[FloatArray]:
     """Slats and the wedges under the slanted end walls of one cavity."""
     shrink = 1 - e.depth_m / e.virtual_depth_m
-    end, pitch = e.length_m / 2, e.length_m / marker.slit_count
+    start, end, pitch = e.shift_m - e.length_m / 2, e.shift_m + e.length_m / 2, e.length_m / marker.slit_count
     half_slat = marker.slat_fraction * pitch / 2
 
     def down(u: float) -> float:
         return e.virtual_offset_m + (u - e.virtual_offset_m) * shrink
 
-    spans = [(-end + i * pitch - half_slat, -end + i * pitch + half_slat) for i in range(1, marker.slit_count)]
+    spans = [(start + i * pitch - half_slat, start + i * pitch + half_slat) for i in range(1, marker.slit_count)]
     top_and_bottom = [((a, b), (down(a), down(b))) for a, b in spans]
-    for side, edge in ((-1, -end), (1, end)):  # end wall with the half slat that leans on it
+    for side, edge in ((-1, start), (1, end)):  # end wall with the half slat that leans on it
         inner = edge - side * half_slat
         top, bottom = sorted((inner, edge)), sorted((down(inner), edge))
         top_and_bottom.append(((top[0], top[1]), (bottom[0], bottom[1])))

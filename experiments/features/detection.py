@@ -27,7 +27,11 @@ from radiometry.optics import Camera
 from scenes.marker import MarkerDesign, aruco_dictionary
 
 #: The tags under test: name and OpenCV's dictionary.
-FAMILIES: Mapping[str, str] = {"ArUco 4×4": "4X4_50", "AprilTag 36h11": "APRILTAG_36h11"}
+FAMILIES: Mapping[str, str] = {
+    "ArUco 4×4": "4X4_50",
+    "Mantis 3×3": "MANTIS_3X3_4",
+    "AprilTag 36h11": "APRILTAG_36h11",
+}
 PX_PER_BIT = (1.25, 1.5, 1.75, 2.0, 2.25, 2.5, 3.0, 4.0, 6.0)
 CNR = (0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 12.0)
 #: Pixels of a bit where contrast is varied, and the contrast where size is: that of 'auto' exposure.

@@ -188,6 +188,16 @@ def answers(tree: xr.DataTree) -> tuple[str, ...]:
         + ".",
     ]
     rows = pose_rows(rendered)[1:]
+    posed = {}
+    for row in rows:
+        if row[2] == row[5]:
+            posed[row[0]] = f"{float(row[1]):g}"
+    if posed:
+        ends = listed([f"{name}: {range_m} m" for name, range_m in posed.items()])
+        said.append(
+            f"Every rendered frame gives a pose up to {ends}, of the ranges tried: this detector needs somewhat less than the "
+            "two pixels a bit by which markers are counted."
+        )
     gains = [float(r[8][1:]) for r in rows if r[8] != "–" and float(r[4]) >= 2]
     if gains:
         said.append(

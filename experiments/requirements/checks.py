@@ -149,7 +149,7 @@ def accuracy(evidence: Evidence) -> Finding:
     )
     return _judged(
         meets and resolved.verdict == "met", figure, "mantis montecarlo; mantis layout",
-        ACCURACY_MARGIN / max(ratios.values()), f"features to begin with: {resolved.remedy}",
+        min(ACCURACY_MARGIN / max(ratios.values()), resolved.margin), f"features to begin with: {resolved.remedy}",
     )  # fmt: skip
 
 

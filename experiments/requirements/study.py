@@ -99,11 +99,14 @@ def margins(verified: list[Verified]) -> Any:
         colour = BLUE if v.finding.verdict == "met" else VERMILION
         axis.plot([1, v.finding.margin], [k, k], color=colour, lw=3, solid_capstyle="butt")
         axis.plot(v.finding.margin, k, "o", color=colour, ms=6)
-        axis.annotate(f"×{v.finding.margin:.3g}, {v.finding.verdict}", (v.finding.margin, k), xytext=(7, -3),
-                      textcoords="offset points", fontsize=8)  # fmt: skip
+        left = v.finding.margin < 1
+        axis.annotate(
+            f"×{v.finding.margin:.3g}, {v.finding.verdict}", (v.finding.margin, k), xytext=(-7 if left else 7, -3),
+            textcoords="offset points", fontsize=8, ha="right" if left else "left",
+        )  # fmt: skip
     axis.axvline(1, color=BLACK, lw=0.8)
     axis.set_yticks(range(len(having)), [v.requirement.identity for v in having])
-    axis.set(xscale="log", xlabel="margin: factor by which the figure meets the requirement", xlim=(0.1, 30))
+    axis.set(xscale="log", xlabel="margin: factor by which the figure meets the requirement", xlim=(0.05, 40))
     axis.set_ylim(len(having) - 0.5, -0.6)
     axis.grid(axis="y", visible=False)
     return figure

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from typing import TypeVar
 
-from experiments.workers import Crew
+from experiments.workers import GONE, Crew
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -83,4 +83,4 @@ def dispatch(
                 else:
                     yield given_up(task[0])
             except CancelledError:
-                raise RuntimeError("the workers have gone; what is done is kept, --resume goes on with it") from None
+                raise RuntimeError(GONE) from None

@@ -123,7 +123,7 @@ def requirements(options: Options, results: Path, require: str | None) -> None:
     from experiments.requirements import study
 
     out = options.out or Path("out/requirements")
-    command = _command("requirements", options, None, f"--results {results}")
+    command = _command("requirements", options, None, None if results == Path("docs/data") else f"--results {results}")
     page = study.study(options.scenario(None), results, out, command)
     _tell(options, page, out, "requirements")
     if require and not page.passed:

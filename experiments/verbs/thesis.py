@@ -95,9 +95,12 @@ def montecarlo(options: Options, quick: bool) -> None:
     "--step", "step_deg", type=click.FloatRange(0.01, 30), help="Steps of tilt [deg]; default the thesis's 0.1."
 )
 @click.option("--workers", type=click.IntRange(1), help="Processes that look at the frames; default one a core.")
+@click.option("--resume", is_flag=True, help="Go on from the finished runs of a command that was interrupted.")
 @click.option("--require", type=click.Choice(["targets"]), help="Exit status 4 where Mantis misses a target.")
 @shared_options
-def virtual(options: Options, quick: bool, step_deg: float | None, workers: int | None, require: str | None) -> None:
+def virtual(
+    options: Options, quick: bool, step_deg: float | None, workers: int | None, resume: bool, require: str | None
+) -> None:
     """The virtual experiment of table 8.1: pitch, range and detection over tilt, Mantis against other fiducials, all rendered.
 
     Takes some fifteen minutes in full. Writes report.html, virtual.md, virtual.nc, data and figures into the folder --out
@@ -118,7 +121,7 @@ def virtual(options: Options, quick: bool, step_deg: float | None, workers: int 
     words += [f"--seed {options.seed}"] if options.seed is not None else []
     command = " ".join(word for word in words if word)
     page, result = with_progress(
-        options, lambda tell: virtual_page.run(scenario, out, command, quick, workers, tell, step_deg)
+        options, lambda tell: virtual_page.run(scenario, out, command, quick, workers, tell, step_deg, resume)
     )
     header, *rows = summary.rows(result.summary)
     shown = [[row[k].replace("[", "(").replace("]", ")") for k in summary.TERMINAL] for row in (header, *rows)]

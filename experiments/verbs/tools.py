@@ -141,9 +141,10 @@ def marker(options: Options, scenario: str | None) -> None:
 
     if options.out is None:
         raise click.UsageError("marker: give --out FOLDER")
-    written = write_marker_files(options.scenario(scenario).marker, options.out)
-    options.say(*map(str, written))
-    options.emit({"files": written})
+    design = options.scenario(scenario).marker
+    written = write_marker_files(design, options.out)
+    options.say(*map(str, written), *(f"[yellow]note:[/] {line}" for line in design.shortcomings()))
+    options.emit({"files": written, "shortcomings": design.shortcomings()})
 
 
 @click.command()

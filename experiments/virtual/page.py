@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from shutil import rmtree
 from typing import Any
 
 import numpy as np
@@ -62,22 +63,27 @@ class Result:
 
 def run(
     scenario: Scenario, out: Path, command: str, quick: bool = False, workers: int | None = None,
-    progress: Progress | None = None, step_deg: float | None = None,
+    progress: Progress | None = None, step_deg: float | None = None, resume: bool = False,
 ) -> tuple[StudyPage, Result]:  # fmt: skip
     """Run everything and write it: report.html, virtual.md, virtual.nc, data/virtual*.csv and figures/virtual-*.svg.
 
-    `step_deg` replaces the table's steps of tilt.
+    `step_deg` replaces the table's steps of tilt. Finished runs stay in the folder `runs` until all are; `resume` goes on from
+    those of an interrupted command.
 
     Groups of virtual.nc: `frames` (by series and frame), `summary` (by series: statistics, and how many frames have each failure
     of thesis section 8.3) and `bounds`.
     """
     plan = [run for run in runs(quick, step_deg) if methods_of(run.target)]
-    frames = study(scenario, plan, workers, progress)
+    kept = out / "runs"
+    if not resume:
+        rmtree(kept, ignore_errors=True)
+    frames = study(scenario, plan, workers, progress, kept)
     limits = xr.Dataset() if quick else bounds(scenario, progress=progress)
     result = Result(frames, summarise(frames), limits)
     page = study_page(scenario, plan, result, command)
     page.write(out, result.tree)
     write_text(markdown_page(page, plan, result), out / "virtual.md")
+    rmtree(kept, ignore_errors=True)
     return page, result
 
 

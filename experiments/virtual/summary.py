@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
-from experiments.virtual.study import FAILURES, OUTLIER_DEG, OUTLIER_RANGE
+from experiments.virtual.judge import FAILURES
+from experiments.virtual.study import OUTLIER_DEG, OUTLIER_RANGE
 from experiments.virtual.targets import table
 from experiments.virtual.trackers import METHODS
 from experiments.wording import number

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
 from typing import Any
+from zlib import crc32
 
 import numpy as np
 
@@ -55,6 +56,11 @@ class Run:
     def name(self) -> str:
         """Say 'mantis 2.3 m pitch'."""
         return f"{self.target} {self.range_m:g} m {self.rotation}"
+
+    @property
+    def number(self) -> int:
+        """What its random numbers are drawn from: its name's check sum, the same in every plan."""
+        return crc32(self.name.encode())
 
     @property
     def attitudes_deg(self) -> FloatArray:

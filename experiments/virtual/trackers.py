@@ -149,8 +149,7 @@ def aruco(shot: Shot) -> Sight:
     corners, other = _decoded(shot, cv2.aruco.CORNER_REFINE_NONE)
     if corners is None:
         return Sight(other=other)
-    pattern = Pattern(cast(MarkerDesign, tag))
-    fit = fit_pattern(shot.image, pattern, corners, kernel_sigma_px(shot.camera.psf_sigma_px), shot.noise)
+    fit = fit_pattern(shot.image, _pattern(tag), corners, kernel_sigma_px(shot.camera.psf_sigma_px), shot.noise)
     if fit is None:
         return _planar(tag, corners, shot.camera, other)
     covariance = fit.covariance_px2
@@ -166,6 +165,14 @@ def aruco(shot: Shot) -> Sight:
         joint_covariance_px2=covariance,
     )
     return replace(_ml_sight(features, cast(MarkerDesign, tag), shot.camera), blobs=None, other=other)
+
+
+@lru_cache(maxsize=4)
+def _pattern(tag: TagPlate) -> Pattern:
+    """A tag's print as the corner fit knows it: no encoding elements, so no openings (0, 4)."""
+    pattern = Pattern(cast(MarkerDesign, tag))
+    pattern.openings = np.reshape(pattern.openings, (-1, 4))
+    return pattern
 
 
 def aruco_opencv(shot: Shot) -> Sight:

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import tomllib
-from importlib.resources import files
-
 import pytest
 
 from detector.sensor import presets as sensors
-from experiments.presets import SECTIONS, presets
+from experiments.presets import SECTIONS, presets, table
 from experiments.scenario import Scenario, ScenarioError, json_schema, load_scenario, validate
 
 
@@ -48,8 +45,8 @@ def test_the_schema_offers_presets():
     assert schema["$defs"]["Bandpass"]["properties"]["preset"]["enum"] == sorted(presets("filter"))
 
 
-@pytest.mark.parametrize("table", ["filters", "leds", "lenses"])
-def test_every_preset_states_its_source(table):
-    data = tomllib.loads((files("radiometry") / "data" / f"{table}.toml").read_text(encoding="utf-8"))
+@pytest.mark.parametrize("section", [section for section, place in SECTIONS.items() if place is not None])
+def test_every_preset_states_its_source(section):
+    data = table(section)
     assert data
     assert all(len(fields["source"]) > 20 for fields in data.values())

@@ -75,15 +75,16 @@ def test_accuracy_fails_for_two_reasons(tmp_path: Path, evidence: Evidence) -> N
     """As designed for want of resolved markers; with larger errors also by its margin."""
     finding = checks.accuracy(evidence)
     assert finding.verdict == "not met"
-    assert finding.margin > 1
+    assert finding.margin == checks.reach(evidence).margin
     row = next(
-        r for r in (RESULTS / "montecarlo-accuracy.csv").read_text(encoding="utf-8").splitlines()
+        r
+        for r in (RESULTS / "montecarlo-accuracy.csv").read_text(encoding="utf-8").splitlines()
         if r.startswith("wide,right,two-start,20,")
-    )  # fmt: skip
+    )
     cells = row.split(",")
     cells[4] = "9.9 ± 0.1"
     worse = checks.accuracy(changed(tmp_path, "montecarlo-accuracy.csv", row, ",".join(cells)))
-    assert worse.margin < 1
+    assert worse.margin < 0.1
 
 
 def test_sizes_fail_with_other_markers_and_cameras(evidence: Evidence) -> None:

@@ -16,16 +16,8 @@ from hypothesis import strategies as st
 from experiments import chain
 from experiments.scenario import Scenario
 from experiments.virtual import summary, targets, trackers
-from experiments.virtual.study import (
-    FAILURES,
-    VARIABLES,
-    WRONG_CORNER,
-    Truth,
-    batches,
-    look,
-    quality,
-    tilt_deg,
-)
+from experiments.virtual.judge import FAILURES, VARIABLES, WRONG_CORNER, Truth, tilt_deg
+from experiments.virtual.study import batches, look, quality, study
 from experiments.virtual.targets import Run
 from experiments.virtual.trackers import Sight
 from radiometry.geometry import attitude_matrix
@@ -150,9 +142,10 @@ def test_what_is_believed_of_a_misplaced_element_is_the_design(scenario: Scenari
 
 
 def test_no_two_frames_share_the_renderers_seed(scenario: Scenario) -> None:
-    run = targets.runs()[0]
-    seeds = {quality(scenario, run, r, k).seed for r in range(20) for k in range(50)}
-    assert len(seeds) == 1000
+    runs = targets.runs()
+    assert len({run.number for run in runs}) == len(runs)
+    seeds = {quality(scenario, run, k).seed for run in runs[:10] for k in range(50)}
+    assert len(seeds) == 500
 
 
 def frames_of(errors: list[float], attitude: list[float], found: list[float]) -> xr.Dataset:
@@ -231,12 +224,14 @@ def test_a_narrow_ring_misleads_corners_refined_in_a_window_and_a_wide_one_does_
     """Failure 4 of thesis section 8.3: at close range and frontal, the window holds the ring's outer corner as well."""
     angles = tuple(float(a) for a in range(-10, 11, 2))
     plan = [Run(0, target, 1.3, "pitch", angles) for target in ("mantis", "improved")]
-    wrong = {}
+    wrong = {"mantis": 0.0, "improved": 0.0}
     for r, batch in batches(scenario, plan):
-        only = dataclasses.replace(batch, methods=("inner_aruco",))
-        wrong[plan[r].target] = look(only)[list(VARIABLES).index("wrong_corners"), 0]
-    assert wrong["mantis"].sum() >= 2
-    assert wrong["improved"].sum() == 0
+        for draw in range(8):
+            only = dataclasses.replace(batch, methods=("inner_aruco",), key=(draw, 0))
+            wrong[plan[r].target] += look(only)[list(VARIABLES).index("wrong_corners"), 0].sum()
+    # Of 88 frames each. One in fourteen is wrong in the full run: then none has a probability of 0.001.
+    assert wrong["mantis"] >= 1
+    assert wrong["improved"] == 0
 
 
 def test_without_pupil_apriltags_its_runs_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -244,11 +239,17 @@ def test_without_pupil_apriltags_its_runs_are_left_out(monkeypatch: pytest.Monke
     assert trackers.methods_of("apriltag") == ()
 
 
-def test_a_batch_is_the_same_whatever_it_is_rendered_beside(scenario: Scenario) -> None:
-    run = Run(0, "mantis", 3.3, "pitch", (-10.0, 10.0))
-    first = [look(batch) for _, batch in batches(scenario, [run])]
-    again = [look(batch) for r, batch in batches(scenario, [run, run]) if r == 0]
-    np.testing.assert_array_equal(first, again)
+def test_finished_runs_are_not_run_again_and_others_do_not_change(
+    scenario: Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, second = (Run(0, target, 3.3, "pitch", (-10.0, 10.0)) for target in ("mantis", "svms"))
+    alone = study(scenario, [second], 1)
+    study(scenario, [first], 1, keep=tmp_path)
+    both = study(scenario, [first, second], 1, keep=tmp_path)
+    np.testing.assert_array_equal(both.pitch_error_deg.values[-1], alone.pitch_error_deg.values[0])
+    monkeypatch.setattr("experiments.virtual.study.look", None)
+    again = study(scenario, [first, second], 1, keep=tmp_path)
+    xr.testing.assert_equal(again, both)
 
 
 def test_a_first_look_writes_everything(
