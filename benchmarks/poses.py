@@ -28,10 +28,11 @@ every pixel of the ArUco and of the elements (averaged over 5 × 5 pixels), in t
 half of the full well of 20 000 e⁻, as 'auto' does, and in the one that fills it. `720 × 480` is a frame of the
 virtual experiment. The table says where the time of a pose goes: planning (regions, lattices), tracing (waiting for
 the kernel), gathering rays into pixels, checking the noise, and handing over. Each is measured on the main thread,
-while the kernel has all cores. *Triangles only* is the same work with Embree in the place of the closed form of the marker (`scenes/marker_rays.py`).
-*Before* is the renderer of commit 000323a at its default density, one view at a time with jittered rays, run in a
-checkout that MANTIS_BEFORE names (`git worktree add /tmp/before 000323a`); without one the figures are those kept. The
-limit is what Embree alone manages on this machine: camera rays into the same scene, nothing else, not even a hit point.
+while the kernel has all cores. *Triangles only* is the same work with Embree in the place of the closed form of the
+marker (`scenes/marker_rays.py`). *Before* is the renderer of commit 000323a at its default density, one view at a
+time with jittered rays, run in a checkout that MANTIS_BEFORE names (`git worktree add ../before 000323a`); without
+one the figures are those kept. The limit is what Embree alone manages on this machine: camera rays into the same
+scene, nothing else, not even a hit point.
 """
 COLUMNS = "milliseconds of a pose"
 
