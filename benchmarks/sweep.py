@@ -1,20 +1,9 @@
-"""Time and memory of a sweep as a user runs it: `python -m benchmarks.sweep [--quick]`.
-
-20 ranges × 12 exposures × 8 illuminations × 16 noise draws = 30 720 frames of 752 × 580 px, each exposed, searched and its pose
-solved, on two spawned workers with an empty cache: once on whole frames, once in a window of three marker extents (`window = 3`).
-The eight illuminations are eclipse at two LED powers, and three directions of the Sun at two LED powers: 60 geometries are
-rendered, once for each range and direction, and serve every power and exposure.
-
-Prints time, frames a second, the peak memory of all processes together, where the time of one worker goes, and what ten million
-cases would take and cost. `--quick` takes every fourth range and every fourth exposure, a sixteenth of the frames.
-"""
+"""Time and memory of a sweep as a user runs it."""
 
 from __future__ import annotations
 
-import argparse
 import cProfile
 import os
-import platform
 import pstats
 import resource
 import tempfile
@@ -28,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.rows import Row
 from experiments.sweep import study, work
 from experiments.sweep.dataset import OF_CASES, OF_DRAWS
 from experiments.sweep.plan import Sweep, load_sweep
@@ -54,20 +44,31 @@ leds.intensity_w_sr = [1.75, 3.5, 1.75, 3.5, 1.75, 3.5, 1.75, 3.5]
 TRANSPORT = "render or read transport"
 #: Functions whose cumulative time is a part of the work, by what they do; none runs within another.
 PARTS = {
-    TRANSPORT: ("cache.py", "bases"),
-    "electron rates": ("chain.py", "electron_rate"),
-    "closed form": ("chain.py", "link_budget_beside"),
-    "variance of the renderer": ("chain.py", "renderer_variance_fraction"),
-    "closed form, thesis, expectation": ("trials.py", "known_values"),
-    "expose": ("chain.py", "take_frame"),
-    "find the marker": ("features.py", "detect_features"),
-    "solve the pose": ("pose.py", "solve_pose"),
+    TRANSPORT: "bases",
+    "electron rates": "electron_rate",
+    "closed form": "link_budget_beside",
+    "variance of the renderer": "renderer_variance_fraction",
+    "closed form, thesis, expectation": "known_values",
+    "expose": "take_frame",
+    "find the marker": "detect_features",
+    "solve the pose": "solve_pose",
 }
 
 #: What is estimated. The price is that of a virtual core on demand, 4.08 USD an hour for the 96 of a c5.24xlarge: example in the
 #: Amazon EC2 Auto Scaling user guide, "Spot price per unit hour"; spot instances, which the journal bears, cost less than half.
 CASES, CORES, USD_PER_CORE_HOUR = 10_000_000, 1000, 0.0425
 DRAWS = 16
+
+TITLE = "A sweep of 30 720 frames"
+TEXT = f"""
+20 ranges × 12 exposures × 8 illuminations × 16 noise draws of 752 × 580 px, each exposed, searched and its pose solved, on
+two spawned workers with an empty cache: on whole frames, and in a window of three marker extents (`window = 3`). The eight
+illuminations are eclipse at two LED powers, and three directions of the Sun at two LED powers: 60 geometries are rendered,
+one for each range and direction, and serve every power and exposure. `--quick` takes every fourth range and exposure.
+
+From the processor time follows what ten million cases of 16 draws take and cost: where geometries serve as many cases as
+here, and where each case has its own, at {USD_PER_CORE_HOUR} USD for an hour of a virtual core.
+"""
 
 
 @dataclass(frozen=True)
@@ -86,10 +87,6 @@ class Measured:
     seconds: float
     core_s: float
     peak_gib: float
-
-    @property
-    def frames_per_s(self) -> float:
-        return self.frames / self.seconds
 
 
 @dataclass(frozen=True)
@@ -189,11 +186,11 @@ def profile(window: float | None) -> Profile:
         done = list(work.compute(list(enumerate(scenarios))))
         profiler.disable()
     stats = pstats.Stats(profiler)
-    known: dict[tuple[str, str], float] = {}
-    for (file, _, function), (_, _, _, cumulative, _) in stats.stats.items():  # type: ignore[attr-defined]
-        known[Path(file).name, function] = known.get((Path(file).name, function), 0.0) + cumulative
+    known: dict[str, float] = {}
+    for (_, _, function), (_, _, _, cumulative, _) in stats.stats.items():  # type: ignore[attr-defined]
+        known[function] = known.get(function, 0.0) + cumulative
     total = stats.total_tt  # type: ignore[attr-defined]
-    seconds = {part: known.get(place, 0.0) for part, place in PARTS.items()}
+    seconds = {part: known[function] for part, function in PARTS.items()}
     seconds["the rest"] = total - sum(seconds.values())
     geometries = sum(rendered for *_, rendered in done)
     frame_s = (total - seconds[TRANSPORT]) / (len(scenarios) * DRAWS)
@@ -240,49 +237,42 @@ def handing_out(cases: int = 4096) -> tuple[float, float]:
         return cases / (time.perf_counter() - start), path.with_suffix(".nc").stat().st_size / cases
 
 
-def estimate(run: Measured, seen: Profile) -> list[str]:
-    """Ten million cases of 16 draws, from a run and its profile: where geometries serve as many cases as here, and but one."""
-    cases = run.frames / DRAWS
-    lines = []
-    for sharing in (cases / run.geometries, 1.0):
-        core_h = (
-            CASES * (DRAWS * run.core_s / run.frames + (1 / sharing - run.geometries / cases) * seen.geometry_s) / 3600
-        )
-        lines.append(
-            f"{CASES:,} cases, {sharing:.0f} to a geometry: {core_h:,.0f} core-hours, {core_h / CORES:,.1f} h on {CORES:,}, "
-            f"{core_h * USD_PER_CORE_HOUR:,.0f} USD at {USD_PER_CORE_HOUR:.4f} USD a core-hour"
-        )
-    return lines
-
-
-def main(arguments: list[str] | None = None) -> None:
-    """Measure, profile and print."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.sweep", description=(__doc__ or "").split("\n\n")[0])
-    parser.add_argument("--quick", action="store_true", help="a sixteenth of the frames")
-    every = 4 if parser.parse_args(arguments).quick else 1
-    part = "" if every == 1 else f", 1/{every**2} of them here"
-    print(
-        f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, {WORKERS} workers; 30 720 frames{part}"
-    )
-    for title, window in (("whole frames", None), ("window of 3 extents", 3.0)):
-        run, seen = measure(window, every), profile(window)
-        whole_s = run.seconds * every**2
-        so = f", so {whole_s:.0f} s for all" if every > 1 else ""
-        print(
-            f"\n{title}: {run.frames} frames, {run.geometries} geometries, {run.seconds:.0f} s{so} (limit {TARGET_S:.0f}); "
-            f"{run.frames_per_s:.0f} frames/s; {run.core_s:.0f} s of processor time, "
-            f"{100 * run.core_s / run.seconds / WORKERS:.0f} % of two cores; peak {run.peak_gib:.2f} GiB (limit {TARGET_GIB:g})"
-        )
-        print(f"one worker alone: {1e3 * seen.frame_s:.1f} ms a frame, {1e3 * seen.geometry_s:.0f} ms a geometry")
-        for name, share in sorted(seen.shares.items(), key=lambda item: -item[1]):
-            print(f"  {share:6.1%}  {name}")
-        print(*estimate(run, seen), sep="\n")
+def run(quick: bool) -> list[Row]:
+    """Time, memory and profile, on whole frames and in a window, and what follows for ten million cases."""
+    every = 4 if quick else 1
+    rows = []
+    for series, window in (("whole frames", None), ("window = 3", 3.0)):
+        seen = profile(window)  # first, so that what is compiled once for a machine is not counted
+        rows += _rows(series, measure(window, every), seen, every)
     rate, size = handing_out()
-    print(
-        f"\none process hands out {rate:,.0f} cases a second: {CASES:,} in {CASES / rate / 3600:.1f} h; "
-        f"results take {CASES * size / 2**30:,.0f} GiB"
-    )
+    return [
+        *rows,
+        Row("cases that one process hands out", rate, "1/s", "", f"{CASES:,} of them in {CASES / rate / 3600:.1f} h"),
+        Row(f"results of {CASES:,} cases", CASES * size / 2**30, "GiB"),
+    ]
 
 
-if __name__ == "__main__":
-    main()
+def _rows(series: str, seen: Measured, profiled: Profile, every: int) -> list[Row]:
+    cases, parts = seen.frames / DRAWS, every**2
+    scaled = f"{parts} × that of a part" if parts > 1 else ""
+    limit = f"≤ {TARGET_S:.0f}" if series == "whole frames" else ""
+    rows = [
+        Row("30 720 frames exposed, searched and posed", seen.seconds * parts, "s", limit, scaled, series),
+        Row("the same, processor time", seen.core_s * parts, "s", "", scaled, series),
+        Row("geometries rendered for them", seen.geometries * every, "", "", "", series),
+        Row("frames", seen.frames / seen.seconds, "1/s", "", "", series),
+        Row("peak memory of all processes", seen.peak_gib, "GiB", f"≤ {TARGET_GIB:g}", "", series),
+        Row("one worker: a frame", 1e3 * profiled.frame_s, "ms", "", "without rendering", series),
+        Row("one worker: rendering a geometry", 1e3 * profiled.geometry_s, "ms", "", "", series),
+    ]
+    by_share = sorted(profiled.shares.items(), key=lambda item: -item[1])
+    rows += [Row(f"one worker's time: {part}", 100 * share, "%", "", "", series) for part, share in by_share]
+    for sharing, said in ((cases / seen.geometries, "sharing geometries as here"), (1.0, "a geometry each")):
+        extra_s = (1 / sharing - seen.geometries / cases) * profiled.geometry_s
+        core_h = CASES * (DRAWS * seen.core_s / seen.frames + extra_s) / 3600
+        rows += [
+            Row(f"{CASES:,} cases, {said}", core_h, "core-hours", "", "", series),
+            Row(f"{CASES:,} cases, {said}: on {CORES:,} cores", core_h / CORES, "h", "", "", series),
+            Row(f"{CASES:,} cases, {said}: price", core_h * USD_PER_CORE_HOUR, "USD", "", "", series),
+        ]
+    return rows

@@ -25,6 +25,8 @@ BLOB_AREA, BLOB_INERTIA, BLOB_DISTANCE = (0.125, 0.25), 0.15, 1 / 30
 THRESHOLDS, REPEATABILITY = (10, 250, 1), 2
 #: A blob this near to a corner of its element may be cut off, over the ArUco side (thesis, appendix A).
 CORNER_CLEARANCE = 0.175
+#: Corner refinements: the one the thesis names, and the search in a window that its faulty corners speak of (section 8.3).
+REFINEMENTS = {"apriltag": cv2.aruco.CORNER_REFINE_APRILTAG, "subpix": cv2.aruco.CORNER_REFINE_SUBPIX}
 #: Shift of OpenCV 5.0's AprilTag corner refinement along x and y [px], measured on rendered frames; earlier ones have none.
 REFINEMENT_SHIFT_PX = 0.5 if int(cv2.__version__.split(".")[0]) >= 5 else 0.0
 #: Standard deviation that a pose solver is told of corners and blobs, for the pipeline states none [px]. Assumption.
@@ -37,20 +39,26 @@ def to_eight_bits(image: ArrayLike, black_dn: float, white_dn: float) -> NDArray
     return np.rint(255 * level.clip(0, 1)).astype(np.uint8)
 
 
-def baseline_features(image: NDArray[np.uint8], marker: MarkerDesign) -> Features:
-    """Corners by `cv2.aruco` with AprilTag refinement, blobs by `cv2.SimpleBlobDetector` in a mask of each element.
+def baseline_features(image: NDArray[np.uint8], marker: MarkerDesign, refinement: str = "apriltag") -> Features:
+    """Corners by `cv2.aruco`, blobs by `cv2.SimpleBlobDetector` in a mask of each element.
+
+    `refinement` of the corners: 'apriltag', or 'subpix' within a window.
 
     Raises:
-        ValueError: when the image is not two-dimensional or not of 8 bits.
+        ValueError: when the image is not two-dimensional or not of 8 bits, or the refinement is unknown.
     """
+    if refinement not in REFINEMENTS:
+        raise ValueError(f"refinement: {refinement!r}, expected one of {', '.join(REFINEMENTS)}")
     if image.ndim != 2 or image.dtype != np.uint8:
         raise ValueError(f"image: shape {image.shape}, dtype {image.dtype}, expected (H, W) of uint8")
-    found, identities, _ = _aruco(marker.dictionary).detectMarkers(image)
+    found, identities, _ = _aruco(marker.dictionary, refinement).detectMarkers(image)
     seen = [] if identities is None else [int(k) for k in np.ravel(identities)]
     if marker.identity not in seen:
         reason = f"only identity {seen[0]} seen" if seen else "no marker found"
         return Features(seen[0] if seen else None, None, None, dict.fromkeys(ELEMENT_NAMES), {}, {}, reason)
-    corners = np.reshape(found[seen.index(marker.identity)], (4, 2)).astype(float) - REFINEMENT_SHIFT_PX
+    corners = np.reshape(found[seen.index(marker.identity)], (4, 2)).astype(float)
+    if refinement == "apriltag":
+        corners -= REFINEMENT_SHIFT_PX
     blobs: dict[str, FloatArray | None] = {}
     missing = []
     for turn, name in enumerate(ELEMENT_NAMES):
@@ -69,9 +77,9 @@ def baseline_features(image: NDArray[np.uint8], marker: MarkerDesign) -> Feature
 
 
 @lru_cache(maxsize=4)
-def _aruco(dictionary: str) -> cv2.aruco.ArucoDetector:
+def _aruco(dictionary: str, refinement: str) -> cv2.aruco.ArucoDetector:
     parameters = cv2.aruco.DetectorParameters()
-    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_APRILTAG
+    parameters.cornerRefinementMethod = REFINEMENTS[refinement]
     return cv2.aruco.ArucoDetector(aruco_dictionary(dictionary), parameters)
 
 

@@ -59,7 +59,7 @@ def readings_of(columns, rows, data, saturated, extra, noise, inverse, axis, geo
     by_column, by_row = 0.0, 0.0
     for p in range(n):
         x, y, _, xu, xv, yu, yv = plane_point(inverse, columns[p], rows[p])
-        white = levels[0] + levels[2] * x + levels[3] * y
+        white = levels[0] + (levels[2] + levels[6] * x + levels[7] * y) * x + (levels[3] + levels[8] * y) * y
         across = math.sqrt(yu * yu + yv * yv) if axis == 0 else math.sqrt(xu * xu + xv * xv)
         u[p], v[p], blur_v[p] = (x if axis == 0 else y) * half, (y if axis == 0 else x) * half, across * sigma_px * half
         by_column += (xu if axis == 0 else yu) * half / n

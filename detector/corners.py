@@ -3,7 +3,7 @@
 Every edge of the bits, of the border and of the ring pulls on one homography, so the fit comes near the Cramér–Rao
 bound, and the inverse of its information matrix is the covariance of the corners. A saturated pixel is a censored
 reading: it only says that the model should reach the saturation level. Where the light is uneven over the marker, both
-levels get a slope along x and along y.
+levels get a slope along x and along y, and the bright one a curvature.
 """
 
 from __future__ import annotations
@@ -46,8 +46,17 @@ MODEL_SIGMA_PX, MODEL_SIGMA_SIDE = 0.0015, 2.5e-5
 NEAR_PX, LAST_PX, LAST_CHI2 = 0.1, 0.06, 0.5
 #: After a longer step, other pixels know where the edges are [px].
 ELSEWHERE_PX = 0.5
-#: Uneven light is fitted where it lowers chi-square by this much: five standard deviations.
-UNEVEN_CHI2 = 25.0
+#: Amplitude of a reflective cell over an absorbing one and level of an absorbing cell, both at the marker's centre [DN]; how
+#: either changes by x and y [DN per plane unit]; how the amplitude curves by x², xy and y².
+LEVELS = ("white", "black", "white_x", "white_y", "black_x", "black_y", "white_xx", "white_xy", "white_yy")
+#: Parameters of a fit under even light, under light that slopes, and under light that curves: homography and levels.
+EVEN, SLOPING, CURVED = 10, 14, 17
+#: Uneven light is fitted where it lowers chi-square by this much, five standard deviations; curved where the reduced chi-square
+#: of sloping light is worse than this, as with the Sun so near the camera's axis that the tape returns it.
+UNEVEN_CHI2, CURVED_FROM = 25.0, 1.5
+#: What is left unexplained beyond this reduced chi-square is alike over many pixels: it widens the covariance as if so many were
+#: one. Measured on ray-traced frames with the Sun 1 to 4 deg behind the camera.
+MISFIT_FROM, MISFIT_CORRELATION = 4.0, 10.0
 
 
 @dataclass(frozen=True)
@@ -139,12 +148,30 @@ def fit_pattern(
     """
     origin = np.round(corners_px.mean(0))
     matrix = homography(corners_px - origin)
-    levels, normal, result = np.zeros(6), np.empty((14, 14)), np.empty(4)
+    levels = np.zeros(len(LEVELS))
     blurred = float(np.hypot(sigma_px, blur_px))
     for sigma in (blurred, sigma_px) if blur_px > sigma_px else (sigma_px,):
         few = _sample_pattern(image, pattern, matrix, origin, sigma_px, noise, DESCENT_PIXELS)
         if few is None or not _descend(*_arguments(few), sigma, pattern.lines, pattern.cells, matrix, levels):
             return None
+    fit = _last_steps(image, pattern, matrix, levels, origin, sigma_px, noise, SLOPING)
+    if fit is None or fit.reduced_chi2 < CURVED_FROM:
+        return fit
+    return _last_steps(image, pattern, matrix, levels, origin, sigma_px, noise, CURVED) or fit
+
+
+def _last_steps(
+    image: np.ndarray,
+    pattern: Pattern,
+    matrix: FloatArray,
+    levels: FloatArray,
+    origin: FloatArray,
+    sigma_px: float,
+    noise: NoiseModel,
+    parameters: int,
+) -> PatternFit | None:
+    """The fit's end from near it, on `matrix` and `levels` in place; None where there is none."""
+    normal, result = np.empty((parameters, parameters)), np.empty(4)
     samples = None
     for _ in range(MAX_LAST_STEPS):
         # The same pixels as long as they are near the edges: others would bring other noise, and no end.
@@ -157,7 +184,7 @@ def fit_pattern(
         if not moved_px >= 0:
             return None
         if moved_px < LAST_PX or gain < LAST_CHI2:
-            return _finish(matrix, levels, normal[:count, :count].copy(), result, origin)
+            return _finish(matrix.copy(), levels.copy(), normal[:count, :count].copy(), result, origin)
         if moved_px > ELSEWHERE_PX:
             samples = None
     return None
@@ -236,7 +263,8 @@ def _finish(
     _, chi2, active, explained = result
     reduced = float(chi2 / max(active - len(normal), 1))
     corners, joint = np.empty((4, 2)), np.empty((8, 8))
-    if not _corner_covariance(matrix, normal, max(1.0, reduced), corners, joint):
+    misfit = MISFIT_CORRELATION * max(reduced - MISFIT_FROM, 0.0)
+    if not _corner_covariance(matrix, normal, max(1.0, reduced) + misfit, corners, joint):
         return None
     unexplained = max(chi2 - active, 0.0) / explained if explained > 0 else np.inf
     descent = Descent(origin, matrix, normal, result)
@@ -276,7 +304,7 @@ def _corner_covariance(matrix, normal, scale, corners, joint) -> bool:
 @kernel
 def _descend(columns, rows, data, saturated, extra, noise, sigma_px, lines, cells, matrix, levels) -> bool:
     """Levenberg–Marquardt on `matrix` (3, 3) and the first two `levels`, in place; False where it diverges."""
-    normal, rhs, step, result = np.empty((10, 10)), np.empty(10), np.empty(10), np.empty(4)
+    normal, rhs, step, result = np.empty((EVEN, EVEN)), np.empty(EVEN), np.empty(EVEN), np.empty(4)
     damping = 1e-3
     if not _first_levels(columns, rows, data, saturated, noise, sigma_px, lines, cells, matrix, levels):
         return False
@@ -313,26 +341,26 @@ def _descend(columns, rows, data, saturated, extra, noise, sigma_px, lines, cell
 
 @kernel
 def _last_step(columns, rows, data, saturated, extra, noise, sigma_px, lines, cells, matrix, levels, normal, result):
-    """One Gauss–Newton step on `matrix` (3, 3) and `levels` (6,) in place, which from near takes all the readings know.
+    """One Gauss–Newton step on `matrix` (3, 3) and `levels` in place, which from near takes all the readings know.
 
     Leaves information and result (chi-square after the step) as `_accumulate` does. Returns the furthest way of a corner [px],
     −1 where it diverges; how far chi-square falls; and the count of parameters: with slopes of the levels only where they
     lower chi-square.
     """
-    rhs, step, even_step = np.empty(14), np.empty(14), np.empty(10)
+    parameters = len(normal)
+    rhs, step, even_step = np.empty(parameters), np.empty(parameters), np.empty(EVEN)
     _accumulate(
         columns, rows, data, saturated, extra, noise, sigma_px, lines, cells, matrix, levels, normal, rhs, result
     )
-    if not solve_scaled(np.ascontiguousarray(normal[:10, :10]), rhs[:10], 0.0, even_step):
-        return -1.0, 0.0, 10
-    count, gain, uneven_gain = 10, (even_step * rhs[:10]).sum(), 0.0
-    sloping = levels[2] != 0 or levels[3] != 0 or levels[4] != 0 or levels[5] != 0
+    if not solve_scaled(np.ascontiguousarray(normal[:EVEN, :EVEN]), rhs[:EVEN], 0.0, even_step):
+        return -1.0, 0.0, EVEN
+    count, gain, uneven_gain = EVEN, (even_step * rhs[:EVEN]).sum(), 0.0
     if solve_scaled(normal, rhs, 0.0, step):
         uneven_gain = (step * rhs).sum()
-    if sloping or uneven_gain > gain + UNEVEN_CHI2:
-        count, gain = 14, uneven_gain
+    if np.any(levels[2:] != 0) or uneven_gain > gain + UNEVEN_CHI2:
+        count, gain = parameters, uneven_gain
     else:
-        step[:10], step[10:] = even_step, 0.0
+        step[:EVEN], step[EVEN:] = even_step, 0.0
     trial_matrix, trial_levels = matrix.copy(), levels.copy()
     distance = _moved(matrix, levels, step, trial_matrix, trial_levels)
     matrix[:], levels[:] = trial_matrix, trial_levels
@@ -456,11 +484,11 @@ def _compare(
     """Residuals, weights and slopes of a block of pixels; adds to the log-determinant, chi-square and readings that pull in
     `result`, and to the sums of weight, weighted pattern and its square in `sums`."""
     read_variance, gain, offset, limit = noise
-    white, black, white_x, white_y, black_x, black_y = levels
+    white, black, white_x, white_y, black_x, black_y, white_xx, white_xy, white_yy = levels
     cost = chi2 = active = total = mean = square = 0.0
     for p in range(used):
         x, y, w, value = block.x[p], block.y[p], block.w[p], block.value[p]
-        amplitude = white + white_x * x + white_y * y
+        amplitude = white + (white_x + white_xx * x + white_xy * y) * x + (white_y + white_yy * y) * y
         model = black + black_x * x + black_y * y + amplitude * value
         clipped = saturated[start + p]
         # A censored reading does not pull once the model reaches the ceiling.
@@ -474,8 +502,8 @@ def _compare(
         mean += weight * amplitude * value
         square += weight * amplitude * amplitude * value * value
         weights[p], residuals[p] = weight, residual
-        by_x = amplitude * block.by_x[p] + white_x * value + black_x
-        by_y = amplitude * block.by_y[p] + white_y * value + black_y
+        by_x = amplitude * block.by_x[p] + (white_x + 2 * white_xx * x + white_xy * y) * value + black_x
+        by_y = amplitude * block.by_y[p] + (white_y + white_xy * x + 2 * white_yy * y) * value + black_y
         # At a fixed pixel, moving the plane under it by the homography's derivative: dm/dh = −(∇m) · d(image)/dh.
         along_u = -(by_x * block.xu[p] + by_y * block.yu[p]) / w
         along_v = -(by_x * block.xv[p] + by_y * block.yv[p]) / w
@@ -483,9 +511,13 @@ def _compare(
         slopes[0, p], slopes[1, p], slopes[2, p] = along_u * x, along_u * y, along_u
         slopes[3, p], slopes[4, p], slopes[5, p] = along_v * x, along_v * y, along_v
         slopes[6, p], slopes[7, p], slopes[8, p], slopes[9, p] = -along * x, -along * y, value, 1.0
-    if len(slopes) > 10:
+    if len(slopes) > EVEN:
         for p in range(used):
             x, y, value = block.x[p], block.y[p], block.value[p]
             slopes[10, p], slopes[11, p], slopes[12, p], slopes[13, p] = value * x, value * y, x, y
+    if len(slopes) > SLOPING:
+        for p in range(used):
+            x, y, value = block.x[p], block.y[p], block.value[p]
+            slopes[14, p], slopes[15, p], slopes[16, p] = value * x * x, value * x * y, value * y * y
     result[0], result[1], result[2] = result[0] + cost, result[1] + chi2, result[2] + active
     sums[0], sums[1], sums[2] = sums[0] + total, sums[1] + mean, sums[2] + square

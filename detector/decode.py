@@ -19,6 +19,9 @@ from detector.pattern import Pattern, homography, inverse3, nearest_pixels, new_
 from radiometry.geometry import FloatArray
 from scenes.marker import MarkerDesign, aruco_dictionary
 
+#: A quadrilateral is worth a fit from this correlation with the marker's own pattern on, or with another identity's. Chosen
+#: between what markers and marker-free frames show.
+MIN_CORRELATION, MIN_OTHER = 0.45, 0.9
 #: Most pixels a decode uses: about six per cell of the default dictionary.
 MAX_PIXELS = 350
 
@@ -48,11 +51,15 @@ class Decoder:
             cells += [np.rot90(bits, -turn)[1:-1, 1:-1][::-1].T.ravel() for turn in range(4)]
         #: Cells inside the border, first index along x, second along y; then the ring, which all have.
         self.templates = np.pad(np.array(cells, float), ((0, 0), (0, 1)), constant_values=1.0)
+        self.own_templates = self.templates[4 * self.own : 4 * self.own + 4]
 
     def decode(
         self, image: np.ndarray, corners_px: FloatArray, sigma_px: float, noise: NoiseModel
     ) -> tuple[Decoded, Decoded] | None:
-        """Best match over all identities, and over this marker's identity; None where the quadrilateral holds too little."""
+        """Best match over all identities, and over this marker's identity.
+
+        None where the quadrilateral holds too little, or clearly neither this marker's pattern nor any other.
+        """
         origin = np.round(corners_px.mean(0))
         matrix = homography(corners_px - origin)
         reach = 1 + 2 * self.pattern.marker.ring_fraction
@@ -78,12 +85,25 @@ class Decoder:
         power = max(power - grain, 0.1 * power)
         if power <= 0:
             return None
-        fitted = self.templates @ match
-        norm = ((self.templates @ normal) * self.templates).sum(1)
-        correlation = (fitted / np.sqrt(np.maximum(norm, 1e-12) * power)).reshape(-1, 4)
+        own = self._correlations(self.own_templates, normal, match, power).max()
+        if own < MIN_CORRELATION and self._ceiling(normal, match, power) < MIN_OTHER:
+            return None
+        correlation = self._correlations(self.templates, normal, match, power).reshape(-1, 4)
         best = correlation.max(1)
         first = int(best.argmax())
         return self._result(correlation, best, first), self._result(correlation, best, self.own)
+
+    @staticmethod
+    def _correlations(templates: FloatArray, normal: FloatArray, match: FloatArray, power: float) -> FloatArray:
+        """Correlations (n,) of the data with the images of templates (n, cells)."""
+        norm = ((templates @ normal) * templates).sum(1)
+        return np.asarray((templates @ match) / np.sqrt(np.maximum(norm, 1e-12) * power))
+
+    @staticmethod
+    def _ceiling(normal: FloatArray, match: FloatArray, power: float) -> float:
+        """Correlation that no pattern of these cells exceeds: that of the best grey levels."""
+        regular = normal + 1e-9 * np.trace(normal) * np.eye(len(normal))
+        return float(np.sqrt(max(float(match @ np.linalg.solve(regular, match)), 0.0) / power))
 
     @staticmethod
     def _result(correlation: FloatArray, best: FloatArray, identity: int) -> Decoded:

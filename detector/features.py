@@ -11,18 +11,16 @@ from numpy.typing import ArrayLike
 from detector.blobs import Blob, find_blobs
 from detector.candidates import search
 from detector.corners import PatternFit, fit_pattern, refined
-from detector.decode import Decoder, decoder_of, has_ring
+from detector.decode import MIN_CORRELATION, MIN_OTHER, Decoder, decoder_of, has_ring
 from detector.noise import NoiseModel, estimate_noise
 from detector.pattern import CLEARANCE, KNOWING_REACH, kernel_sigma_px, project
 from radiometry.geometry import FloatArray
 from radiometry.optics import Camera
 from scenes.marker import ELEMENT_NAMES, MarkerDesign
 
-#: A quadrilateral is worth a fit from this correlation with the marker's own pattern on, where no other identity's is
-#: better by more than the slack. Here and below: chosen between what markers and marker-free frames show.
-MIN_CORRELATION, SLACK = 0.45, 0.02
-#: Another identity is worth one from this correlation on.
-MIN_OTHER = 0.9
+#: A quadrilateral is worth a fit where no other identity's correlation is better by more than this. Here and below: chosen
+#: between what markers and marker-free frames show.
+SLACK = 0.02
 #: Accepted when the pattern leaves at most this part of the light's variance unexplained by noise,
 MAX_UNEXPLAINED = 0.15
 #: when it stands out of the noise by this many standard deviations, all pixels together,

@@ -20,38 +20,52 @@ from numpy.typing import NDArray
 from detector.features import Features, detect_features
 from detector.noise import NoiseModel
 from detector.pose import Pose, solve_pose
-from detector.sensor import Frame, Sensor, expose
-from experiments.frame_light import mean_frame_rate
+from detector.sensor import Frame, expose
+from experiments.geometry import bit_pixels, bit_scale_px, on_plane, view
+from experiments.illumination import LIGHTS_ON, lights_on, responsivity, strengths, sun_stray_rate
+from experiments.link_budget import LinkBudget, exposure_s, link_budget, link_budget_beside, usable_well
 from experiments.rectify import ideal_camera, in_the_image, rectified
 from experiments.scenario import Scenario
-from experiments.visible_marker import hidden_face, visible_tape
 from materials import library
-from radiometry import link, stray
-from radiometry.earth import earth_transport
+from radiometry import stray
 from radiometry.geometry import FloatArray, rotation_angle
-from radiometry.optics import camera_at, electron_responsivity, node_weights, wavelength_nodes
-from radiometry.spectrum import Spectrum
+from radiometry.optics import node_weights
 from scenes import density
 from scenes.cache import TransportCache
 from scenes.regions import frame_box, marker_box, marker_pixels
 from scenes.transport import AFTER_TRANSPORT, Quality, TransportBasis, View, render_cases
 
-#: Which lights shine in each illumination.
-LIGHTS_ON = {"eclipse": ("led",), "sun": ("led", "sun")}
-
-
-def lights_on(scenario: Scenario, light: str) -> tuple[str, ...]:
-    """Lights that shine in an illumination; the sunlit Earth with the Sun, where the scenario has one."""
-    return (*LIGHTS_ON[light], "earth") if light == "sun" and scenario.earth is not None else LIGHTS_ON[light]
-
-
-def view(scenario: Scenario) -> View:
-    """The part of a scenario that changes transport; its camera's point spread is the whole blur at the range."""
-    nodes = wavelength_nodes(scenario.filter.spectrum(), scenario.render.wavelength_nodes)
-    return View(
-        camera_at(scenario.camera, scenario.range_m, scenario.filter.centre_nm),
-        scenario.marker, scenario.target, scenario.leds, scenario.sun, scenario.range_m, nodes, scenario.earth,
-    )  # fmt: skip
+#: The chain's functions, those of other modules included: studies take all from here.
+__all__ = [
+    "LIGHTS_ON",
+    "LinkBudget",
+    "Sighting",
+    "bit_pixels",
+    "bit_scale_px",
+    "check_geometry",
+    "electron_rate",
+    "exposure_s",
+    "frame_generator",
+    "geometry_digest",
+    "lights_on",
+    "link_budget",
+    "link_budget_beside",
+    "look",
+    "noise_model",
+    "on_plane",
+    "pose_errors",
+    "provenance",
+    "quality",
+    "renderer_variance_fraction",
+    "responsivity",
+    "strengths",
+    "sun_stray_rate",
+    "take_frame",
+    "transport",
+    "transports",
+    "usable_well",
+    "view",
+]
 
 
 def quality(scenario: Scenario) -> Quality:
@@ -62,7 +76,7 @@ def quality(scenario: Scenario) -> Quality:
     """
     least = Quality.electrons
     well = least * 2.0 ** np.ceil(np.log2(max(usable_well(scenario.sensor) / least, 1.0)))
-    return Quality(scenario.render.frame_samples, scenario.render.marker_rays, scenario.seed, float(well))
+    return Quality(scenario.render.frame_samples, scenario.render.marker_rays, scenario.render.seed, float(well))
 
 
 def transport(scenario: Scenario) -> TransportBasis:
@@ -141,19 +155,6 @@ def provenance(scenario: Scenario) -> dict[str, str | float]:
     }
 
 
-def strengths(scenario: Scenario) -> dict[str, Spectrum]:
-    """Spectral strength of each light: the ring's intensity [W sr⁻¹ nm⁻¹], the Sun's irradiance [W m⁻² nm⁻¹], the Earth's
-    radiance [W m⁻² sr⁻¹ nm⁻¹] where there is one."""
-    earth = {} if scenario.earth is None else {"earth": scenario.earth.radiance(scenario.sun)}
-    return {"led": scenario.leds.spectral_intensity(), "sun": scenario.sun.irradiance(), **earth}
-
-
-def responsivity(scenario: Scenario, incidence_rad: float = 0.0) -> Spectrum:
-    """Electron rate per spectral radiance of the scenario's camera, filter and sensor, at a field angle before the lens."""
-    transmission = scenario.filter.spectrum(incidence_rad)
-    return electron_responsivity(scenario.camera, transmission, scenario.sensor.qe_spectrum())
-
-
 def electron_rate(scenario: Scenario, basis: TransportBasis, light: str) -> FloatArray:
     """Photo-electrons per second of every pixel, (height, width), in an illumination ('eclipse' or 'sun').
 
@@ -222,15 +223,6 @@ def renderer_variance_fraction(
     return float(density.fractions(draw * falloff * fill, electrons * fill, pixels)[pixels].max())
 
 
-def sun_stray_rate(scenario: Scenario) -> float:
-    """Electrons per second that a Sun outside the field adds to every pixel; its angle from the axis is π − phase."""
-    angle = np.pi - np.radians(scenario.sun.phase_deg)
-    quantum_efficiency = scenario.sensor.qe_spectrum()
-    return stray.stray_rate(
-        scenario.camera, angle, scenario.sun.irradiance(), scenario.filter.spectrum(), quantum_efficiency
-    )
-
-
 def _incidence_table(scenario: Scenario, largest: float) -> FloatArray:
     """Values of sin²θ up to the largest of the field, between which the filter's edges shift by 0.05 nm at most.
 
@@ -240,173 +232,6 @@ def _incidence_table(scenario: Scenario, largest: float) -> FloatArray:
         return np.zeros(1)
     shift_nm = scenario.filter.high_nm * (1 - np.sqrt(1 - largest / scenario.filter.effective_index**2))
     return np.linspace(0.0, largest, 2 + int(shift_nm / 0.05))
-
-
-@dataclass(frozen=True)
-class LinkBudget:
-    """Closed-form budget of one range and illumination.
-
-    Attributes:
-        signal_rate, background_rate: electrons per second of a bright bit's and of a neighbouring dark cell's pixels.
-        tape_rate: of tape that fills its pixels, without point spread and neighbours.
-        px_per_bit: pixels along the shorter side of a bit.
-        smear_px_per_s: motion of the target across the image.
-        fill: share of a bright bit's light that comes from reflective cells.
-    """
-
-    sensor: Sensor
-    signal_rate: float
-    background_rate: float
-    tape_rate: float
-    px_per_bit: float
-    smear_px_per_s: float
-    fill: float
-
-    def at(self, exposure_s: float) -> dict[str, float]:
-        """Signal, background and dark charge [electrons], SNR, CNR, full-well fraction and smear [px] of one exposure."""
-        signal, background = self.signal_rate * exposure_s, self.background_rate * exposure_s
-        dark, noise = self.sensor.dark_electrons(exposure_s), self.sensor.total_noise_electrons
-        return {
-            "signal": signal,
-            "background": background,
-            "dark": dark,
-            "snr": float(link.snr(signal, dark, noise)),
-            "cnr": float(link.cnr(signal, background, dark, noise)),
-            "full_well_fraction": (signal + dark) / usable_well(self.sensor),
-            "smear_px": self.smear_px_per_s * exposure_s,
-        }
-
-    def _repr_html_(self) -> str:
-        from experiments.notebook import budget_html
-
-        return budget_html(self)
-
-
-def usable_well(sensor: Sensor) -> float:
-    """Charge at which the response ends [electrons]: the full well, or the converter's range where that is smaller."""
-    return min(sensor.full_well_electrons, (sensor.max_dn - sensor.offset_dn) * sensor.gain_electrons_per_dn)
-
-
-def bit_scale_px(scene_view: View) -> tuple[float, float]:
-    """Pixels per metre along the marker's x and y axes at its centre, foreshortening included."""
-    step = 1e-4
-    ends = scene_view.to_image(np.array([[step, 0, 0], [-step, 0, 0], [0, step, 0], [0, -step, 0]]))
-    return (
-        float(np.linalg.norm(ends[0] - ends[1]) / (2 * step)),
-        float(np.linalg.norm(ends[2] - ends[3]) / (2 * step)),
-    )
-
-
-def link_budget(scenario: Scenario, light: str, mean_rate: float | None = None) -> LinkBudget:
-    """The closed-form budget of the scenario's range in an illumination.
-
-    Args:
-        mean_rate: electrons per second and pixel of the whole imaged frame, without stray light from outside it, for veiling
-            glare to spread; absent, the closed form's own estimate (`frame_light`).
-    """
-    scene_view, marker, target = view(scenario), scenario.marker, scenario.target
-    response, strength = responsivity(scenario), strengths(scenario)
-    wavelength = link.band_grid(response)
-    viewer = scene_view.to_marker(np.zeros(3))
-    leds = scene_view.to_marker(scenario.leds.positions_m())
-    falloff, sources = scenario.camera.relative_illumination(), lights_on(scenario, light)
-
-    def rate(points_m: FloatArray, material: str, lights: tuple[str, ...]) -> FloatArray:
-        brdf, total = library.load(material).brdf, np.zeros(len(points_m))
-        for source in lights:
-            if source == "sun":
-                transport = link.sun_transport(points_m, viewer, scene_view.sun_in_marker, brdf, wavelength)
-            elif source == "earth":
-                transport = _earth_transport(scene_view, brdf, wavelength)
-            else:
-                axis = scene_view.rotation[2]
-                transport = link.ring_transport(points_m, viewer, leds, axis, scenario.leds, brdf, wavelength)
-            total += link.electron_rate(transport, wavelength, strength[source], response)
-        column, row = np.rint(scene_view.to_image(points_m)).astype(int).T
-        return total * falloff[row.clip(0, falloff.shape[0] - 1), column.clip(0, falloff.shape[1] - 1)]
-
-    tape, outlines = visible_tape(scene_view), hidden_face(scene_view)
-
-    def mean_over_bits(centres_m: FloatArray) -> tuple[float, float]:
-        pixels = [np.column_stack(p[::-1]) for p in bit_pixels(scene_view, centres_m)]
-        seen = np.array([len(p) > 0 for p in pixels])
-        if not seen.any():
-            return np.nan, np.nan
-        ends = np.cumsum([len(p) for p in pixels])[:-1]
-
-        def share(polygons_px: FloatArray, parts: FloatArray) -> FloatArray:  # mean over each bit's pixels
-            pixel_share = link.reflective_fill(
-                np.concatenate(pixels), polygons_px, scene_view.camera.psf_sigma_px, parts
-            )
-            return np.array([part.mean() for part in np.split(pixel_share, ends) if len(part)])
-
-        fill, centres = share(*tape), centres_m[seen]
-        level = fill * rate(centres, target.tape_material, sources)
-        for source in sources:
-            hidden = share(outlines["sun" if source == "sun" else "led"][None], np.ones(1))
-            level += (hidden - fill) * rate(centres, target.absorber_material, (source,))
-            level += (1 - hidden) * rate(centres, target.face_material, (source,))
-        return float(np.mean(level)), float(np.mean(fill))
-
-    white, black = marker.white_bit_centres_m(), marker.black_bit_centres_m()
-    (signal, fill), (background, _) = mean_over_bits(white), mean_over_bits(black)
-    camera = scenario.camera
-    if camera.veiling_glare > 0:
-        if mean_rate is None:
-            mean_rate = mean_frame_rate(scene_view, lambda points, material: rate(points, material, sources))
-        signal, background = (float(stray.veiled(v, camera.veiling_glare, mean_rate)) for v in (signal, background))
-    if light == "sun" and camera.point_source_transmittance:
-        signal, background = (v + sun_stray_rate(scenario) for v in (signal, background))
-    speed = np.radians(scenario.target.tumble_deg_s) * scenario.target.tumble_lever_m
-    return LinkBudget(
-        scenario.sensor,
-        signal,
-        background,
-        float(np.mean(rate(white, target.tape_material, sources))),
-        float(marker.bit_m * min(bit_scale_px(scene_view))),
-        float(link.smear_px(scenario.camera, scenario.range_m, speed, 1.0)),
-        fill,
-    )
-
-
-def _earth_transport(scene_view: View, brdf: link.Brdf, wavelength_nm: FloatArray) -> FloatArray:
-    """Earth's light in the closed form: the disc is so far, and so wide, that the marker's centre stands for all of it."""
-    assert scene_view.earth is not None
-    viewer = scene_view.to_marker(np.zeros(3))
-    return earth_transport(
-        viewer / np.linalg.norm(viewer),
-        scene_view.earth_in_marker,
-        scene_view.earth.angular_radius_rad,
-        brdf,
-        wavelength_nm,
-    )
-
-
-def link_budget_beside(scenario: Scenario, light: str, rate: FloatArray) -> LinkBudget:
-    """The closed-form budget, with the veil that a rendered frame's own mean rate (height, width) spreads."""
-    if scenario.camera.veiling_glare == 0:
-        return link_budget(scenario, light)
-    stray_rate = sun_stray_rate(scenario) if "sun" in LIGHTS_ON[light] else 0.0
-    return link_budget(scenario, light, float(rate.mean()) - stray_rate)
-
-
-def exposure_s(scenario: Scenario, budget: LinkBudget, exposure: float | str) -> float:
-    """The exposure in seconds; 'auto' is the one that brings the bright bits to the wanted fraction of full well.
-
-    Raises:
-        ValueError: for 'auto' where no bit is in the frame.
-    """
-    if not isinstance(exposure, str):
-        return exposure
-    auto = scenario.auto_exposure
-    charge = auto.full_well_fraction * usable_well(scenario.sensor)
-    rate = budget.signal_rate + scenario.sensor.dark_rate_electrons_per_s
-    if np.isnan(rate):
-        raise ValueError(
-            f"exposure_s: 'auto' needs a bit in the frame, and none is at {scenario.range_m:g} m; give seconds [s]"
-        )
-    longest = min(auto.longest_s, scenario.leds.longest_pulse_s)
-    return float(np.clip(charge / rate if rate > 0 else np.inf, min(auto.shortest_s, longest), longest))
 
 
 def frame_generator(scenario: Scenario, light: str, seconds: float, trial: int = 0) -> np.random.Generator:
@@ -472,26 +297,3 @@ def pose_errors(scenario: Scenario, pose: Pose | None) -> tuple[float, float]:
         rotation_angle(truth.rotation, pose.rotation),
         float(abs(np.linalg.norm(pose.translation_m) - distance) / distance),
     )
-
-
-def bit_pixels(scene_view: View, centres_m: FloatArray) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
-    """Pixels (rows, columns) that count as each bit: within `link.sampling_window_px` of its centre, the nearest at least."""
-    scale = np.array(bit_scale_px(scene_view))
-    half = link.sampling_window_px(scene_view.marker.bit_m * scale) / 2
-    reach = int(np.ceil(half.max() * 1.5)) + 1
-    offsets = np.stack(np.meshgrid(*[np.arange(-reach, reach + 1)] * 2), axis=-1).reshape(-1, 2)
-    camera, pixels = scene_view.camera, []
-    for centre, middle in zip(scene_view.to_image(centres_m), centres_m, strict=True):
-        nearby = np.rint(centre).astype(int) + offsets
-        inside = np.all(np.abs(on_plane(scene_view, nearby) - middle[:2]) * scale <= half, axis=1)
-        if not inside.any():
-            inside = np.all(offsets == 0, axis=1)
-        column, row = nearby[inside].T
-        seen = (column >= 0) & (row >= 0) & (column < camera.width_px) & (row < camera.height_px)
-        pixels.append((row[seen], column[seen]))
-    return pixels
-
-
-def on_plane(scene_view: View, image_px: FloatArray) -> FloatArray:
-    """Marker-plane coordinates (n, 2) [m] of image positions (n, 2)."""
-    return scene_view.to_plane(image_px)

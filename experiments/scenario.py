@@ -74,6 +74,9 @@ class RenderQuality(BaseModel):
     wavelength_nodes: Annotated[int, Field(ge=4, le=64, multiple_of=4)] = Field(
         4, description="wavelengths rendered, in groups of four"
     )
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = Field(
+        1, description="seed of the rays' lattices, apart from the scenario's, so that new noise needs no new rendering"
+    )
 
 
 class BudgetPlan(BaseModel):

@@ -107,8 +107,8 @@ def _batches(jobs: Iterable[_Job]) -> Iterator[list[_Job]]:
 
 
 def _launch(jobs: list[_Job]) -> tuple[list[_Job], list[Traced]]:
-    view = jobs[0].image.view
-    segments, nodes_nm = [job.segment for job in jobs], view.nodes_nm
+    view, nodes_nm = jobs[0].image.view, jobs[0].image.carriers_nm
+    segments = [job.segment for job in jobs]
     blocks = np.concatenate([job.blocks(k) for k, job in enumerate(jobs)])
     return jobs, [trace(Kind.of(view), segments, blocks, nodes_nm[k : k + 4]) for k in range(0, len(nodes_nm), 4)]
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import time
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -25,6 +26,8 @@ from scenes.exr import read_basis, write_basis
 from scenes.view import AFTER_TRANSPORT, Quality, TransportBasis, View
 
 DEFAULT_LIMIT_BYTES = 4 * 2**30
+#: A file so old that is still being written has lost its writer [s].
+_ABANDONED_S = 3600.0
 #: Views looked up and rendered at a time: enough to fill the renderer, few enough to be held in memory.
 _TOGETHER = 16
 
@@ -32,16 +35,19 @@ _TOGETHER = 16
 _CODE = {
     "scenes": (
         "batch.py",
+        "carriers.py",
         "density.py",
         "earth.py",
         "image.py",
         "lattice.py",
         "marker.py",
+        "marker_rays.py",
         "regions.py",
         "stock.py",
         "target.py",
         "tracer.py",
         "view.py",
+        "world.py",
     ),
     "materials": ("brdf.py", "datafile.py", "library.py", "plugins.py"),
     "radiometry": ("geometry.py", "distortion.py", "optics.py", "sources.py"),
@@ -114,14 +120,16 @@ class TransportCache:
         variant, rest = select_variant(), iter(cases)
         while group := list(islice(rest, _TOGETHER)):
             paths = [self.folder / f"{key(*case, variant)}.exr" for case in group]
-            found = [self._read(path) for path in paths]
-            rendered = render_cases(case for case, basis in zip(group, found, strict=True) if basis is None)
-            for path, basis in zip(paths, found, strict=True):
+            at_hand = {path: self._read(path) for path in dict.fromkeys(paths)}
+            missing = {path: case for path, case in zip(paths, group, strict=True) if at_hand[path] is None}
+            rendered = render_cases(missing.values())
+            for path in paths:
+                basis = at_hand[path]
                 if basis is None:
-                    yield self._kept(next(rendered), path)
+                    basis = at_hand[path] = self._kept(next(rendered), path)
                 else:
                     self.reused += 1
-                    yield basis
+                yield basis
 
     def _kept(self, basis: TransportBasis, path: Path) -> TransportBasis:
         self.rendered += 1
@@ -146,7 +154,7 @@ class TransportCache:
     def clear(self) -> int:
         """Remove every basis; returns how many."""
         paths = [path for path, _ in self.entries()]
-        for path in paths:
+        for path in paths + self._unfinished(0.0):
             path.unlink(missing_ok=True)
         return len(paths)
 
@@ -166,7 +174,18 @@ class TransportCache:
             os.utime(path)
         return basis
 
+    def _unfinished(self, age_s: float) -> list[Path]:
+        """What writers that were killed have left behind, at least so old [s]."""
+        found = []
+        for path in self.folder.glob(".*.exr") if self.folder.is_dir() else ():
+            with suppress(FileNotFoundError):  # its writer has just finished
+                if time.time() - path.stat().st_mtime >= age_s:
+                    found.append(path)
+        return found
+
     def _make_room(self, newest: Path) -> None:
+        for path in self._unfinished(_ABANDONED_S):
+            path.unlink(missing_ok=True)
         entries = self.entries()
         total = sum(size for _, size in entries)
         for path, size in entries:

@@ -6,9 +6,9 @@ rendering tells its own variance from two independent halves, so that a figure i
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter
 
 from radiometry.geometry import FloatArray
 from scenes.tracer import BLOCK
@@ -77,6 +77,8 @@ def fractions(noise: FloatArray, shot_variance: FloatArray, pixels: NDArray[np.b
         pixels: which of them count, (height, width).
     """
     ratio = np.where(pixels, noise**2 / np.maximum(shot_variance, 1e-12), 0.0)
-    mean = uniform_filter(ratio, _POOL_PX, mode="constant")
-    share = uniform_filter(pixels.astype(float), _POOL_PX, mode="constant")
-    return np.where(pixels, mean / np.maximum(share, 1e-6), 0.0)
+    total, count = (
+        cv2.boxFilter(image.astype(float), -1, (_POOL_PX, _POOL_PX), normalize=False, borderType=cv2.BORDER_CONSTANT)
+        for image in (ratio, pixels)
+    )
+    return np.where(pixels, total / np.maximum(count, 1.0), 0.0)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from radiometry.geometry import FloatArray
 from scenes import density, lattice
+from scenes.carriers import carriers
 from scenes.regions import Box, edge_normals, frame_box, marker_box, marker_pixels, target_box, widened
 from scenes.tracer import BLOCK, CHOICES, Segment
 from scenes.view import Quality, TransportBasis, View
@@ -77,9 +78,12 @@ class ViewImage:
         self._round = 0
         self._tables: dict[Segment, Image] = {}
         self._weights: list[FloatArray] = []
+        self._found: FloatArray | None = None
         #: What is to be traced and added first.
         self.parts = [*self._marker_parts(), *self._frame_parts(seen)]
-        channels = len(view.lights) * len(view.nodes_nm)
+        #: Wavelengths to trace, and how all others follow from them.
+        self.carriers_nm, self._mixture = carriers(view.target.materials, view.nodes_nm)
+        channels = len(view.lights) * len(self.carriers_nm)
         self._common = np.zeros((channels, self._canvas.height, self._canvas.width), np.float32)
         self._halves = np.zeros((2, channels, self._zone.height, self._zone.width))
 
@@ -123,7 +127,9 @@ class ViewImage:
         return np.stack([column + self._patch.x0, row + self._patch.y0], axis=-1).astype(np.int32)
 
     def _frame_parts(self, seen: Box) -> list[Part]:
-        """All of the frame that may show the target, or the Earth's disc, around the marker's box."""
+        """All of the frame that may show the target or the Earth's disc, around the marker's box; none where it may stay dark."""
+        if self.quality.frame_samples == 0:
+            return []
         box = seen if self.view.earth is not None else target_box(self.view).within(seen)
         return [Part(self._frame_segment, part, None) for part in box.around(self._patch.within(box))]
 
@@ -135,7 +141,7 @@ class ViewImage:
         if self._plate is None or self._round == _ROUNDS:
             return []
         self._round += 1
-        found = np.max(list(self._fractions().values()), axis=0)
+        found = self._found = self._fractions()
         noisy = widened(found > self.quality.variance_fraction, self._reach)
         spent = sum(2 * int(layer.mask.sum()) * layer.segments[0].count for layer in self._layers)
         parts: list[Part] = []
@@ -154,7 +160,7 @@ class ViewImage:
             layer.mask = layer.mask & ~mask
             self._layers.append(dense)
         if parts:
-            self._weights = []
+            self._weights, self._found = [], None
         return parts
 
     # --- gathering
@@ -191,21 +197,28 @@ class ViewImage:
         """The view's basis, once all its parts have been added; its arrays are used up thereby."""
         view, canvas = self.view, self._canvas
         statement = self._statement()
-        images, noise = self._common, np.zeros_like(self._common[:: len(view.nodes_nm)])
+        images = self._common
+        noise = np.zeros((len(view.lights), *images.shape[1:]), np.float32)
         kept = self._patch_image()
         if kept is not None:
             where, mean, draw = kept
             images[(slice(None), *where.slices(canvas))] = mean
             noise[(slice(None), *where.slices(canvas))] = draw
-        frame, nodes = frame_box(view).slices(canvas), len(view.nodes_nm)
+        frame, count = frame_box(view).slices(canvas), len(self.carriers_nm)
         layers, draws = {}, {}
         for k, light in enumerate(view.lights):
-            layers[light] = np.stack([self._blurred(i)[frame] for i in images[k * nodes : (k + 1) * nodes]])
+            carried = np.stack([self._blurred(i)[frame] for i in images[k * count : (k + 1) * count]])
+            # Not by BLAS, whose bits depend on its threads. Black may come out an ulp below zero.
+            mixed = np.einsum("nc,cyx->nyx", self._mixture.astype(np.float32), carried)
+            layers[light] = np.maximum(mixed, 0)
             draws[light] = self._blurred(noise[k])[frame].copy()
         return TransportBasis(view.nodes_nm, layers, statement, draws)
 
     def _patch_image(self) -> tuple[Box, FloatArray, FloatArray] | None:
-        """Where the marker's surroundings reach in the canvas, their channels there, and a draw of their noise by light."""
+        """Where the marker's surroundings reach in the canvas, their channels there, and a draw of their noise by light.
+
+        The noise is averaged over the wavelengths.
+        """
         kept = self._zone.within(self._canvas)
         if not self._layers or not kept.width or not kept.height:
             return None
@@ -215,27 +228,33 @@ class ViewImage:
         first, second = (
             (common + self._halves[half][(slice(None), *here)]) / self._weights[half][here] for half in (0, 1)
         )
-        difference = ((first - second) / 2).reshape(len(self.view.lights), -1, *common.shape[1:])
-        return kept, (first + second) / 2, difference.mean(axis=1)
+        return kept, (first + second) / 2, self._over_nodes((first - second) / 2)
 
-    def _fractions(self) -> dict[str, FloatArray]:
-        """The renderer's variance over shot variance on the patch, by part: the largest of the lights, each by itself in the
-        exposure that brings the ArUco's brightest pixels to the quality's charge."""
-        kept = self._patch_image()
+    def _over_nodes(self, channels: FloatArray) -> FloatArray:
+        """Mean over the wavelengths of carriers' channels (lights × carriers, height, width), (lights, height, width)."""
+        by_light = channels.reshape(len(self.view.lights), -1, *channels.shape[1:])
+        return np.einsum("lcyx,c->lyx", by_light, self._mixture.mean(axis=0))
+
+    def _fractions(self) -> FloatArray:
+        """The renderer's variance over shot variance on the patch's pixels of ArUco and elements.
+
+        The largest of the lights, each by itself in the exposure that brings the ArUco's brightest pixels to the charge that
+        the quality names.
+        """
+        result = np.zeros((self._patch.height, self._patch.width))
         seen = self._patch.within(frame_box(self.view))
-        result = {name: np.zeros(mask.shape) for name, mask in self._pixels.items()}
+        kept = self._patch_image()
         if kept is None or not seen.width or not seen.height:
             return result
         where, mean, noise = kept
         from_here, on_patch = seen.slices(where), seen.slices(self._patch)
-        nodes = len(self.view.nodes_nm)
-        for k in range(len(self.view.lights)):
-            image = self._blurred(mean[k * nodes : (k + 1) * nodes].mean(axis=0).astype(np.float32))[from_here]
+        pixels = np.any(list(self._pixels.values()), axis=0)[on_patch]
+        for k, level in enumerate(self._over_nodes(mean)):
+            image = self._blurred(level.astype(np.float32))[from_here]
             draw = self._blurred(noise[k].astype(np.float32))[from_here]
             scale = density.electrons_per_radiance(image[self._pixels["aruco"][on_patch]], self.quality)
-            for name, mask in self._pixels.items():
-                found = density.fractions(draw * scale, image * scale, mask[on_patch])
-                result[name][on_patch] = np.maximum(result[name][on_patch], found)
+            found = density.fractions(draw * scale, image * scale, pixels)
+            result[on_patch] = np.maximum(result[on_patch], found)
         return result
 
     def _statement(self) -> dict[str, str | float]:
@@ -243,14 +262,14 @@ class ViewImage:
         if not self._pixels:
             return {}
         told: dict[str, str | float] = {"shot_noise_electrons": self.quality.electrons}
-        fractions = self._fractions()
+        found = self._fractions() if self._found is None else self._found
         for name, mask in self._pixels.items():
             layers = [layer for layer in self._layers if layer.name in (name, "") and layer.mask.any()]
             pixels = sum(int(layer.mask.sum()) for layer in layers)
             rays = sum(2 * int(layer.mask.sum()) * layer.segments[0].count for layer in layers)
             told[f"{name}_rays_per_pixel"] = rays / pixels if pixels else 0.0
             if mask.any():
-                told[f"{name}_variance_fraction"] = float(fractions[name].max())
+                told[f"{name}_variance_fraction"] = float(found[mask].max())
         return told
 
     def _weight(self, half: int) -> FloatArray:

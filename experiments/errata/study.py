@@ -16,6 +16,7 @@ import xarray as xr
 
 from experiments import chain
 from experiments.scenario import Scenario, load_scenario
+from experiments.visible_marker import visible_tape
 from materials import library
 from radiometry import link
 from radiometry.completions import BEAM_OPTICS_EFFICIENCY, Surroundings, completions
@@ -58,7 +59,7 @@ def pattern_fill(range_m: float) -> tuple[float, float]:
     """Share of the light of a bright bit's and of a dark cell's pixels that comes from tape, for the 5 mm bit."""
     scenario = thesis_scenario(16.0, range_m)
     view, marker = chain.view(scenario), scenario.marker
-    tape, parts = chain.visible_tape(view)
+    tape, parts = visible_tape(view)
 
     def share(centres_m: FloatArray) -> float:
         pixels = [np.column_stack(p[::-1]) for p in chain.bit_pixels(view, centres_m)]

@@ -194,7 +194,9 @@ class _Bits:
         view = chain.view(scenario)
         render = {"frame_samples": 1, "marker_rays": plan.rays, "wavelength_nodes": scenario.render.wavelength_nodes}
         suns = [
-            scenario.at(sun=scenario.sun.model_dump() | {"phase_deg": p}, render=render, seed=scenario.seed + 10 * k)
+            scenario.at(
+                sun=scenario.sun.model_dump() | {"phase_deg": p}, render=render | {"seed": scenario.seed + 10 * k}
+            )
             for k, p in enumerate(plan.phases_deg)
         ]
         self.bases = [chain.transport(sun) for sun in suns]

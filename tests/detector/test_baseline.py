@@ -72,6 +72,19 @@ def test_stretches_black_to_zero_and_white_to_255() -> None:
     assert to_eight_bits(np.array([[0, 64, 2064, 4064, 9999]]), 64, 4064).tolist() == [[0, 0, 128, 255, 255]]
 
 
+def test_corners_may_be_refined_within_a_window_instead() -> None:
+    """The half pixel that the AprilTag refinement is off by must not be taken from the other."""
+    rotation, translation = pose_at(**POSE)
+    truth = CAMERA.project(MARKER.corners_m @ rotation.T + translation)
+    errors = [
+        (baseline_features(eight_bits(frame(seed)), MARKER, "subpix").corners_px - truth).mean(axis=0)
+        for seed in range(8)
+    ]
+    assert np.abs(np.mean(errors, axis=0)).max() < 0.25
+    with pytest.raises(ValueError, match="refinement: 'none', expected one of apriltag, subpix"):
+        baseline_features(eight_bits(frame()), MARKER, "none")
+
+
 @pytest.mark.parametrize("image", [np.zeros((8, 8), np.uint16), np.zeros((8, 8, 3), np.uint8)])
 def test_refuses_what_is_no_eight_bit_frame(image: np.ndarray) -> None:
     with pytest.raises(ValueError, match="expected \\(H, W\\) of uint8"):

@@ -84,16 +84,17 @@ def test_corners_are_unbiased_and_in_the_marker_s_order(pose):
 
 @pytest.mark.parametrize("pose", POSES)
 def test_blobs_are_unbiased(pose):
-    mean = frame(*pose, MEDIUM, 6500.0)
+    # Eight sub-pixels a pixel, as elsewhere, would themselves move a blob by 0.03 px.
+    mean = frame(*pose, MEDIUM, 6500.0, samples=20)
     rng = np.random.default_rng(3)
-    found = [detect_features(expose(mean, rng), MARKER, MEDIUM, NOISE) for _ in range(8)]
+    found = [detect_features(expose(mean, rng), MARKER, MEDIUM, NOISE, light_ring_m=0.0) for _ in range(8)]
     seen = 0
     for element in MARKER.elements:
         errors = [blob_error(f, element, MEDIUM, *pose) for f in found if f.blobs_px[element.name] is not None]
         if len(errors) == len(found):
             seen += 1
-            assert abs(np.mean(errors)) < 0.08
-            assert max(f.blob_sigma_px[element.name] for f in found) < 0.15
+            assert abs(np.mean(errors)) < 0.03
+            assert max(f.blob_sigma_px[element.name] for f in found) < 0.05
     assert seen >= 2
 
 
@@ -102,7 +103,7 @@ def test_the_reported_covariance_is_the_scatter():
     pose = (4.4, 12.0, -8.0, 25.0, (0.3, 0.2))
     mean = frame(*pose, SMALL, 600.0, 0.0, 0.02, 16)
     rng = np.random.default_rng(4)
-    found = [detect_features(expose(mean, rng), MARKER, SMALL, NOISE) for _ in range(120)]
+    found = [detect_features(expose(mean, rng), MARKER, SMALL, NOISE, light_ring_m=0.0) for _ in range(120)]
     assert all(f.detected for f in found)
     error = np.array([f.corners_px for f in found]) - true_corners(*pose, SMALL)
     joint = sum(
@@ -219,10 +220,10 @@ def test_another_identity_is_named_but_not_detected():
     assert "7" in (f.reason or "")
 
 
-def test_a_blob_at_the_end_of_its_element_is_dropped_and_said_so():
-    # Pitched so that the camera sees top and bottom towards opposite ends: one of a pair leaves its opening.
+def test_a_blob_beyond_the_end_of_its_element_is_dropped_and_said_so():
+    # Turned so that the camera sees top and bottom towards opposite ends: one of a pair leaves its opening.
     f = detect_features(
-        expose(frame(3.0, 0.0, 25.0, 0.0, (0.0, 0.0), MEDIUM, 6500.0), np.random.default_rng(12)), MARKER, MEDIUM, NOISE
+        expose(frame(3.0, 0.0, 30.0, 0.0, (0.0, 0.0), MEDIUM, 6500.0), np.random.default_rng(12)), MARKER, MEDIUM, NOISE
     )
     missing = [name for name in ("top", "bottom") if f.blobs_px[name] is None]
     assert len(missing) == 1
@@ -230,6 +231,19 @@ def test_a_blob_at_the_end_of_its_element_is_dropped_and_said_so():
     assert missing[0] not in f.blob_sigma_px
     assert not any(missing[0] in key for key in f.virtual_points_px)
     assert len(f.virtual_points_px) == 2
+
+
+@pytest.mark.parametrize(("yaw", "cut"), [(-19.0, (0.05, 0.2)), (-23.0, (0.2, 0.3))])
+def test_a_blob_that_is_cut_by_the_end_of_its_element_stays_in_place(yaw, cut):
+    pose = (3.0, 4.0, yaw, 5.0, (0.2, -0.3))
+    rotation, translation = pose_at(*pose, camera=MEDIUM)
+    camera_m, element = -rotation.T @ translation, MARKER.elements[0]
+    assert cut[0] < Slits(MARKER, element, camera_m).cut_fraction(float(element.blob_offset_m(camera_m))) < cut[1]
+    rng = np.random.default_rng(20)
+    found = [detect_features(expose(frame(*pose, MEDIUM, 6500.0), rng), MARKER, MEDIUM, NOISE, 0.0) for _ in range(12)]
+    errors = np.array([blob_error(f, element, MEDIUM, *pose) for f in found])
+    assert abs(errors.mean()) < 0.02
+    assert np.sqrt(np.mean(errors**2)) < 1.25 * np.mean([f.blob_sigma_px["top"] for f in found])
 
 
 def test_virtual_points_lie_where_they_project():
@@ -241,12 +255,19 @@ def test_virtual_points_lie_where_they_project():
         assert f.virtual_points_px[key] == pytest.approx(MEDIUM.project(rotation @ point + translation), abs=0.1)
 
 
-def test_a_ring_of_leds_beside_the_lens_leaves_the_blobs_in_place():
-    pose = (2.0, 8.0, -5.0, 15.0, (0.3, 0.2))
-    mean = frame(*pose, MEDIUM, 6500.0, 0.2, 0.02, 6, 1, MARKER, 0.04)
-    f = detect_features(expose(mean, np.random.default_rng(14)), MARKER, MEDIUM, NOISE)
+@pytest.mark.parametrize("ring_m", [0.04, 0.08])
+def test_a_ring_of_leds_beside_the_lens_leaves_the_blobs_in_place(ring_m):
+    """Where its radius is told, to 0.03 px; where not, to what is stated then."""
+    pose = (1.5, 8.0, -5.0, 15.0, (0.3, 0.2))
+    camera = Camera(width_px=300, height_px=300)
+    mean = frame(*pose, camera, 6500.0, 0.2, 0.02, 6, 1, MARKER, ring_m)
+    image = expose(mean, np.random.default_rng(14))
+    told = detect_features(image, MARKER, camera, NOISE, light_ring_m=ring_m)
+    untold = detect_features(image, MARKER, camera, NOISE)
     for element in MARKER.elements:
-        assert abs(blob_error(f, element, MEDIUM, *pose)) < 0.1
+        assert abs(blob_error(told, element, camera, *pose)) < 0.03
+        assert abs(blob_error(untold, element, camera, *pose)) < 3 * untold.blob_sigma_px[element.name]
+        assert untold.blob_sigma_px[element.name] > 2 * told.blob_sigma_px[element.name]
 
 
 @pytest.mark.parametrize("peak", [3.0, 0.95])

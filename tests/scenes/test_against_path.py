@@ -34,7 +34,7 @@ VIEWS = {
     ),
 }  # fmt: skip
 #: Renderings by each; sub-pixels of stock's along a pixel's side.
-SEEDS, SAMPLES = 16, 12
+SEEDS, SAMPLES = 12, 12
 #: Of one pixel in this many tests a false alarm is accepted.
 ALARM = 0.001
 

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from dataclasses import replace
 from itertools import islice
+from pathlib import Path
 from types import ModuleType
 
 import numpy as np
@@ -12,7 +16,9 @@ import pytest
 from radiometry.optics import Camera
 from radiometry.sources import Earth, LedRing, Sun
 from scenes import batch
+from scenes.cache import checksum
 from scenes.marker import MarkerDesign
+from scenes.regions import marker_box
 from scenes.target import Target
 from scenes.transport import Quality, TransportBasis, View, render_bases, render_basis, render_cases
 
@@ -131,3 +137,29 @@ def test_a_target_that_fills_part_of_the_frame_costs_its_part(mi: ModuleType, mo
     side = 0.12 / 2.4 * max(view.camera.focal_px)
     assert sum(lanes) < 4 * (side + 40) ** 2 + 2 * 10_000
     assert not basis.layers["sun"][:, :50].any()
+
+
+def test_without_frame_samples_the_surroundings_stay_dark(mi: ModuleType) -> None:
+    view = replace(VIEW, camera=Camera(width_px=120, height_px=100))
+    lit, dark = (render_basis(view, Quality(samples, 100_000)) for samples in (1, 0))
+    box = marker_box(view)
+    inner = (slice(box.y0 + 3, box.y1 - 3), slice(box.x0 + 3, box.x1 - 3))
+    np.testing.assert_allclose(dark.layers["led"][0][inner], lit.layers["led"][0][inner], rtol=1e-6)
+    assert not dark.layers["led"][:, : box.y0 - 3].any()
+    assert lit.layers["led"][:, : box.y0 - 3].all()
+
+
+def test_a_view_renders_to_the_same_bits_however_many_threads_blas_has(alone: list[TransportBasis]) -> None:
+    """In a process with one thread for BLAS: no sum is left to threads to order."""
+    code = (
+        "import sys; sys.path[:0] = ['tests/scenes']\n"
+        "from test_batch import QUALITY, VIEWS\n"
+        "from scenes.cache import checksum\n"
+        "from scenes.transport import render_bases\n"
+        "print(*(checksum(basis) for basis in render_bases(VIEWS[:3], QUALITY)))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=Path(__file__).parents[2], env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+        capture_output=True, text=True, timeout=120, check=True,
+    )  # fmt: skip
+    assert done.stdout.split() == [checksum(basis) for basis in alone[:3]]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Iterator
 
 import numpy as np
@@ -140,3 +141,27 @@ def test_clear_removes_everything(tmp_path, fake_renderer):
     store.basis(_view(2.0), QUALITY)
     assert store.clear() == 2
     assert store.entries() == []
+
+
+def test_what_killed_writers_left_behind_is_removed(tmp_path, fake_renderer):
+    store = cache.TransportCache(tmp_path)
+    old, young = tmp_path / ".abc.0123abcd.exr", tmp_path / ".def.0123abcd.exr"
+    for path in (old, young):
+        path.write_bytes(b"half")
+    os.utime(old, (0, 0))
+    store.basis(_view(), QUALITY)
+    assert not old.exists()
+    assert young.exists()  # it may still be being written
+    assert store.clear() == 1
+    assert not young.exists()
+
+
+def test_many_bases_come_in_order_from_cache_and_renderer(tmp_path, fake_renderer):
+    store = cache.TransportCache(tmp_path)
+    ranges = [2.0 + k / 10 for k in range(20)]
+    list(store.bases((_view(r), QUALITY) for r in ranges[::3]))
+    fake_renderer.clear()
+    bases = list(store.bases((_view(r), QUALITY) for r in ranges))
+    assert [basis.layers["led"][0, 0, 0] for basis in bases] == [np.float32(r) for r in ranges]
+    assert fake_renderer == [r for k, r in enumerate(ranges) if k % 3]
+    assert (store.rendered, store.reused) == (20, 7)

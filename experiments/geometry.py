@@ -1,0 +1,54 @@
+"""Where a scenario's marker is seen: its view, and the pixels of its bits."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from experiments.scenario import Scenario
+from radiometry import link
+from radiometry.geometry import FloatArray
+from radiometry.optics import camera_at, wavelength_nodes
+from scenes.view import View
+
+
+def view(scenario: Scenario) -> View:
+    """The part of a scenario that changes transport; its camera's point spread is the whole blur at the range."""
+    nodes = wavelength_nodes(scenario.filter.spectrum(), scenario.render.wavelength_nodes)
+    return View(
+        camera_at(scenario.camera, scenario.range_m, scenario.filter.centre_nm),
+        scenario.marker, scenario.target, scenario.leds, scenario.sun, scenario.range_m, nodes, scenario.earth,
+    )  # fmt: skip
+
+
+def bit_scale_px(scene_view: View) -> tuple[float, float]:
+    """Pixels per metre along the marker's x and y axes at its centre, foreshortening included."""
+    step = 1e-4
+    ends = scene_view.to_image(np.array([[step, 0, 0], [-step, 0, 0], [0, step, 0], [0, -step, 0]]))
+    return (
+        float(np.linalg.norm(ends[0] - ends[1]) / (2 * step)),
+        float(np.linalg.norm(ends[2] - ends[3]) / (2 * step)),
+    )
+
+
+def bit_pixels(scene_view: View, centres_m: FloatArray) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
+    """Pixels (rows, columns) that count as each bit: within `link.sampling_window_px` of its centre, the nearest at least."""
+    scale = np.array(bit_scale_px(scene_view))
+    half = link.sampling_window_px(scene_view.marker.bit_m * scale) / 2
+    reach = int(np.ceil(half.max() * 1.5)) + 1
+    offsets = np.stack(np.meshgrid(*[np.arange(-reach, reach + 1)] * 2), axis=-1).reshape(-1, 2)
+    camera, pixels = scene_view.camera, []
+    for centre, middle in zip(scene_view.to_image(centres_m), centres_m, strict=True):
+        nearby = np.rint(centre).astype(int) + offsets
+        inside = np.all(np.abs(on_plane(scene_view, nearby) - middle[:2]) * scale <= half, axis=1)
+        if not inside.any():
+            inside = np.all(offsets == 0, axis=1)
+        column, row = nearby[inside].T
+        seen = (column >= 0) & (row >= 0) & (column < camera.width_px) & (row < camera.height_px)
+        pixels.append((row[seen], column[seen]))
+    return pixels
+
+
+def on_plane(scene_view: View, image_px: FloatArray) -> FloatArray:
+    """Marker-plane coordinates (n, 2) [m] of image positions (n, 2)."""
+    return scene_view.to_plane(image_px)
