@@ -282,7 +282,7 @@ def look(scenario: Scenario, image: NDArray[Any]) -> Sighting:
     noise, camera = noise_model(scenario, image), view(scenario).camera
     ideal = ideal_camera(camera) if camera.distorted else camera
     seen = rectified(image, camera, ideal, noise) if camera.distorted else image
-    features = detect_features(seen, scenario.marker, ideal, noise)
+    features = detect_features(seen, scenario.marker, ideal, noise, scenario.leds.ring_radius_m)
     pose = solve_pose(features, scenario.marker, ideal) if features.detected else None
     return Sighting(in_the_image(features, camera, ideal) if camera.distorted else features, pose)
 

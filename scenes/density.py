@@ -18,7 +18,7 @@ from scenes.view import Quality
 PARTS = ("aruco", "blob", "slats")
 #: Rays a pixel of one lattice, times the root of allowed variance over shot variance where the ArUco's brightest pixels hold one
 #: electron: measured from 1 to 16 m over attitudes of 30 deg, for most pixels to need no more. Those that do get more.
-_RAYS = {"aruco": 0.24, "blob": 0.66, "slats": 0.13}
+_RAYS = {"aruco": 0.24, "blob": 0.75, "slats": 0.13}
 #: Fewest rays a pixel of one lattice, if there are enough: an edge along the pixels may lie anywhere between two of them, so
 #: that all of it is displaced by up to 1/64 px. And the most.
 _FEWEST, _MOST = 32, 256 * BLOCK

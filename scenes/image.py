@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from radiometry.geometry import FloatArray
 from scenes import density, lattice
 from scenes.carriers import carriers
-from scenes.regions import Box, edge_normals, frame_box, marker_box, marker_pixels, target_box, widened
+from scenes.regions import Box, edge_normals, even_pixels, frame_box, marker_box, marker_pixels, target_box, widened
 from scenes.tracer import BLOCK, CHOICES, Segment
 from scenes.view import Quality, TransportBasis, View
 
@@ -37,21 +37,30 @@ class Part:
         tiles: a box, or columns and rows (n, 2).
         half: which of the two renderings it belongs to, or None for both.
         sign: 1, or −1 to take away what has been added.
+        like: the lattice beside these pixels, in whose place they have fewer rays; None for none.
     """
 
     segment: Segment
     tiles: Box | NDArray[np.int32]
     half: int | None
     sign: int = 1
+    like: Segment | None = None
 
 
 @dataclass
 class _Layer:
-    """Pixels of a part of the marker with one lattice in each half: `mask` on the patch."""
+    """Pixels of a part of the marker with one lattice in each half: `mask` on the patch, and those of them that need few rays."""
 
     name: str
     mask: Mask
     segments: tuple[Segment, Segment]
+    even: Mask
+
+    @property
+    def rays(self) -> int:
+        """Rays of both halves."""
+        few = int((self.mask & self.even).sum())
+        return 2 * (few * BLOCK + (int(self.mask.sum()) - few) * self.segments[0].count)
 
 
 class ViewImage:
@@ -75,6 +84,7 @@ class ViewImage:
         self._pixels: dict[str, Mask] = {}
         self._layers: list[_Layer] = []
         self._plate: Segment | None = None
+        self._even: tuple[Segment, Segment] | None = None
         self._round = 0
         self._tables: dict[Segment, Image] = {}
         self._weights: list[FloatArray] = []
@@ -107,12 +117,15 @@ class ViewImage:
             taken |= masks[name]
         rays = density.rays_per_pixel(self.quality, {name: int(mask.sum()) for name, mask in masks.items()})
         if min(rays.values()) < BLOCK:  # the whole patch evenly
-            self._layers = [_Layer("", np.ones_like(taken), self._both(min(rays.values()), 1))]
+            everywhere = np.ones_like(taken)
+            self._layers = [_Layer("", everywhere, self._both(min(rays.values()), 1), ~everywhere)]
             return [Part(segment, patch, half) for half, segment in enumerate(self._layers[0].segments)]
+        even = even_pixels(self.view, patch)
         self._layers = [
-            _Layer(name, mask, self._both(rays[name], stream)) for stream, (name, mask) in enumerate(masks.items(), 1)
+            _Layer(name, mask, self._both(rays[name], stream), even)
+            for stream, (name, mask) in enumerate(masks.items(), 1)
         ]
-        self._plate = self._segment(_PLATE_RAYS, 0, len(masks) + 1)
+        self._plate, self._even = self._segment(_PLATE_RAYS, 0, len(masks) + 1), self._both(BLOCK, len(masks) + 2)
         parts = [part for layer in self._layers for part in self._parts_of(layer)]
         return [*parts, Part(self._plate, self._tiles(~taken), None)]
 
@@ -120,7 +133,12 @@ class ViewImage:
         return self._segment(count, 0, stream), self._segment(count, 1, stream)
 
     def _parts_of(self, layer: _Layer, sign: int = 1) -> list[Part]:
-        return [Part(segment, self._tiles(layer.mask), half, sign) for half, segment in enumerate(layer.segments)]
+        edges, even = self._tiles(layer.mask & ~layer.even), self._tiles(layer.mask & layer.even)
+        parts = [Part(segment, edges, half, sign) for half, segment in enumerate(layer.segments)]
+        if len(even):
+            assert self._even is not None
+            parts += [Part(self._even[half], even, half, sign, like) for half, like in enumerate(layer.segments)]
+        return parts
 
     def _tiles(self, mask: Mask) -> NDArray[np.int32]:
         row, column = np.nonzero(mask)
@@ -143,7 +161,7 @@ class ViewImage:
         self._round += 1
         found = self._found = self._fractions()
         noisy = widened(found > self.quality.variance_fraction, self._reach)
-        spent = sum(2 * int(layer.mask.sum()) * layer.segments[0].count for layer in self._layers)
+        spent = sum(layer.rays for layer in self._layers)
         parts: list[Part] = []
         for layer in list(self._layers):
             mask = layer.mask & noisy
@@ -151,12 +169,13 @@ class ViewImage:
                 continue
             before = layer.segments[0].count
             after = density.more_rays(before, float(found[widened(mask, self._reach)].max()), self.quality)
-            spent += 2 * int(mask.sum()) * (after - before)
-            if after == before or spent > self.quality.marker_rays:
-                continue
             stream = len(density.PARTS) + 1 + self._round * len(density.PARTS) + density.PARTS.index(layer.name)
-            dense = _Layer(layer.name, mask, self._both(after, stream))
-            parts += self._parts_of(replace(layer, mask=mask), sign=-1) + self._parts_of(dense)
+            dense = _Layer(layer.name, mask, self._both(after, stream), np.zeros_like(mask))
+            away = replace(layer, mask=mask)
+            if after == before or spent + dense.rays - away.rays > self.quality.marker_rays:
+                continue
+            spent += dense.rays - away.rays
+            parts += self._parts_of(away, sign=-1) + self._parts_of(dense)
             layer.mask = layer.mask & ~mask
             self._layers.append(dense)
         if parts:
@@ -182,6 +201,8 @@ class ViewImage:
     def add_tiles(self, part: Part, tiles: NDArray[np.int32], channels: list[Image]) -> None:
         """Add the rays (pixels, rays) of single pixels, by channel."""
         table = self._table(part.segment)
+        if part.like is not None:
+            table = lattice.in_place_of(table, self._table(part.like))
         zone, reach = self._zone, self._reach
         offset = np.arange(-reach, reach + 1)
         row = tiles[:, 1, None, None] - zone.y0 + offset[:, None]
@@ -266,7 +287,7 @@ class ViewImage:
         for name, mask in self._pixels.items():
             layers = [layer for layer in self._layers if layer.name in (name, "") and layer.mask.any()]
             pixels = sum(int(layer.mask.sum()) for layer in layers)
-            rays = sum(2 * int(layer.mask.sum()) * layer.segments[0].count for layer in layers)
+            rays = sum(layer.rays for layer in layers)
             told[f"{name}_rays_per_pixel"] = rays / pixels if pixels else 0.0
             if mask.any():
                 told[f"{name}_variance_fraction"] = float(found[mask].max())

@@ -59,6 +59,15 @@ def weights(positions_px: FloatArray, psf_sigma_px: float) -> NDArray[np.float32
     return table.reshape(len(positions_px), -1).astype(np.float32)
 
 
+def in_place_of(few: NDArray[np.float32], many: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Weights (n, (2r+1)²) of a lattice's rays, scaled so that each pixel gathers as much as from another lattice's.
+
+    Where the light is even over a pixel, few rays then stand for many, without a seam to neighbours that have many.
+    """
+    own, wanted = few.sum(axis=0), many.sum(axis=0)
+    return few * np.where(own > 1e-6, wanted / np.maximum(own, 1e-6), 1.0).astype(np.float32)
+
+
 def generator(count: int, normals: FloatArray, rank: int = 0) -> int:
     """Generator g of the lattice whose duals keep furthest from two directions in the image.
 

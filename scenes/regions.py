@@ -17,6 +17,8 @@ from scenes.view import View
 #: Pixels around the marker's outline that belong to its surroundings.
 MARGIN_PX = 4
 _FAR_PX = 2**20
+#: Details of the marker at least so wide [px] show at the corners of the pixels that they cross.
+_DETAIL_PX = 1.5
 
 
 @dataclass(frozen=True)
@@ -131,12 +133,72 @@ def marker_pixels(view: View, box: Box) -> MarkerPixels:
     aruco = np.all(np.abs(place) <= half, axis=-1)
     opening, blob = np.zeros_like(aruco), np.zeros_like(aruco)
     for element in marker.elements:
-        along, across = place @ element.along[:2], place @ element.across[:2]
-        here = np.abs(across - element.centre_m @ element.across) <= element.width_m / 2
-        here &= np.abs(along - element.shift_m) <= element.length_m / 2
+        here = _in_opening(element, place)
         opening |= here
-        blob |= here & (np.abs(along - element.blob_offset_m(viewer)) <= _blob_reach_m(marker, element, viewer))
+        blob |= here & (
+            np.abs(place @ element.along[:2] - element.blob_offset_m(viewer)) <= _blob_reach_m(marker, element, viewer)
+        )
     return MarkerPixels(aruco, blob, opening)
+
+
+def even_pixels(view: View, box: Box) -> NDArray[np.bool_]:
+    """Pixels of a box that show nothing but one flat surface of a Mantis Marker, whose light is even over them.
+
+    An edge either parts a pixel's corners or turns within it. None where details are small beside a pixel, where something stands
+    before the marker and may shade it, and under an Earth, whose wide disc takes many rays to sample.
+    """
+    marker, nothing = view.marker, np.zeros((box.height, box.width), bool)
+    flush = isinstance(marker, MarkerDesign) and bounds_m(marker, at_rest(view.target))[1, 2] <= 0
+    if view.earth is not None or not flush:
+        return nothing
+    finest_m = min(marker.bit_m, marker.ring_fraction * marker.aruco_m, *(e.width_m for e in marker.elements))
+    if finest_m * np.linalg.norm(edge_normals(view), axis=1).min() < _DETAIL_PX:
+        return nothing
+    column, row = np.meshgrid(np.arange(box.x0, box.x1 + 1) - 0.5, np.arange(box.y0, box.y1 + 1) - 0.5)
+    corners = np.stack([column, row], axis=-1).reshape(-1, 2)
+    place = np.nan_to_num(view.to_plane(corners), nan=np.inf).reshape(*row.shape, 2)
+    surface = _surface_at(marker, place)
+    quads = np.stack([surface[:-1, :-1], surface[1:, :-1], surface[:-1, 1:], surface[1:, 1:]])
+    even: NDArray[np.bool_] = (quads.min(axis=0) == quads.max(axis=0)) & (quads[0] > 0)
+    x, y = np.rint(view.to_image(_turns_m(marker))).astype(int).T - np.array([[box.x0], [box.y0]])
+    seen = (x >= 0) & (x < box.width) & (y >= 0) & (y < box.height)
+    even[y[seen], x[seen]] = False
+    return even
+
+
+def _turns_m(marker: MarkerDesign) -> FloatArray:
+    """Where edges on the marker's plane turn or meet (n, 3) [m]: corners of bits, ring, openings and outline."""
+    half, square = marker.aruco_m / 2, np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]])
+    grid = np.linspace(-half, half, len(marker.bits) + 1)
+    turns = [np.stack(np.meshgrid(grid, grid), axis=-1).reshape(-1, 2)]
+    turns += [square * (half + marker.ring_fraction * marker.aruco_m), square * marker.size_m / 2]
+    for element in marker.elements:
+        middle = element.centre_m @ element.across * element.across + element.shift_m * element.along
+        corners = (
+            square[:, :1] * element.length_m / 2 * element.along + square[:, 1:] * element.width_m / 2 * element.across
+        )
+        turns.append((middle + corners)[:, :2])
+    plane = np.concatenate(turns)
+    return np.column_stack([plane, np.zeros(len(plane))])
+
+
+def _surface_at(marker: MarkerDesign, place_m: FloatArray) -> NDArray[np.int8]:
+    """What is at places (..., 2) [m] of the marker's plane: 1 absorber, 2 tape, 0 an element's opening or no marker at all."""
+    half, reach = marker.aruco_m / 2, np.abs(place_m).max(axis=-1)
+    bright = (reach >= half) & (reach < half + marker.ring_fraction * marker.aruco_m)
+    inside = reach < half
+    cell = np.clip((np.where(inside[..., None], place_m * (1, -1), 0.0) + half) / marker.bit_m, 0, len(marker.bits) - 1)
+    bright |= inside & (marker.bits[cell[..., 1].astype(int), cell[..., 0].astype(int)] != 0)
+    surface = np.where(reach <= marker.size_m / 2, 1 + bright, 0).astype(np.int8)
+    for element in marker.elements:
+        surface[_in_opening(element, place_m)] = 0
+    return surface
+
+
+def _in_opening(element: Element, place_m: FloatArray) -> NDArray[np.bool_]:
+    along, across = place_m @ element.along[:2], place_m @ element.across[:2]
+    here = np.abs(across - element.centre_m @ element.across) <= element.width_m / 2
+    return np.asarray(here & (np.abs(along - element.shift_m) <= element.length_m / 2))
 
 
 def _blob_reach_m(marker: MarkerDesign, element: Element, viewer: FloatArray) -> float:

@@ -48,7 +48,7 @@ _RETRO_TAIL_RAD = np.radians(10.0)
 #: Vectors of four numbers that hold one segment's data.
 _ROWS = 11
 #: LEDs that light a point at the bottom of a slit, of those on the ring.
-LEDS_IN_SLITS = 8
+LEDS_IN_SLITS = 4
 
 
 @dataclass(frozen=True, eq=False)

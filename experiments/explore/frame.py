@@ -53,7 +53,7 @@ def shoot(scenario: Scenario, rate: FloatArray, off_rate: FloatArray | None, sec
     dark = expose(scenario.sensor, off_rate, seconds, rng).dn
     image, noise = difference(scenario.sensor, frame, dark, np.zeros(2))
     camera = chain.view(scenario).camera
-    features = detect_features(image, scenario.marker, camera, noise)
+    features = detect_features(image, scenario.marker, camera, noise, scenario.leds.ring_radius_m)
     pose = solve_pose(features, scenario.marker, camera) if features.detected else None
     return Shot(image, frame, chain.Sighting(features, pose))
 

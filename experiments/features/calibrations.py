@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from detector.calibration import ElementCalibration, KnownPose, calibrate_elements
 from detector.camera_calibration import CameraCalibration, calibrate_camera, chessboard_corners
+from detector.features import Features
 from detector.sensor import expose
 from experiments import chain
 from experiments.features.frames import MARGIN_PX, around_marker
@@ -22,7 +23,12 @@ from scenes.marker import ELEMENT_NAMES, MarkerDesign
 from scenes.transport import Quality, render_bases
 
 #: Calibrate, find the features again with the calibrated marker, calibrate: the blob model needs to know where the slits are.
-PASSES = 3
+#: Passes at most, and the change, over the standard deviation, that ends them.
+PASSES, SETTLED_SIGMA = 8, 0.1
+#: Steepest that the next result may depend on the marker of the last: -1 where the camera resolves the slits.
+STEEPEST = 3.0
+#: Phases of the slits that are tried first, in slit pitches: a blob whose slits are resolved half a pitch off looks like none.
+PHASES = (0.0, 1 / 3, -1 / 3)
 #: Tilts (pitch, yaw) of the views that a marker is calibrated from [deg].
 VIEWS_DEG = ((-25, -25), (-25, 0), (-25, 25), (0, -25), (0, 0), (0, 25), (25, -25), (25, 0), (25, 25))
 #: Views of the chessboard: tilts (pitch, yaw) [deg] and the board's place off the axis, over its range.
@@ -48,13 +54,49 @@ def elements_from_images(
     Raises:
         ValueError: when the images do not fit the camera, or do not tell the elements' places.
     """
-    design, calibrated = scenario, None
+    design, camera = _in_phase(images, scenario), chain.view(scenario).camera
+    before: tuple[FloatArray, FloatArray] | None = None
     for _ in range(PASSES):
-        observations = [chain.look(design, image).features for image in images]
-        calibrated = calibrate_elements(observations, design.marker, chain.view(scenario).camera, poses)
-        design = scenario.at(marker=calibrated.marker(scenario.marker).model_dump())
-    assert calibrated is not None
-    return calibrated
+        found = calibrate_elements(_features(images, scenario, design), design, camera, poses)
+        assumed = np.append(design.element_offsets_m, design.elements[0].virtual_depth_m)
+        result = np.append(found.offsets_m, found.virtual_depth_m)
+        if (np.abs(result - assumed) < SETTLED_SIGMA * found.sigma_m).all():
+            break
+        following = _next(assumed, result, before)
+        design = replace(found, offsets_m=following[:4], virtual_depth_m=float(following[4])).marker(scenario.marker)
+        before = assumed, result
+    return found
+
+
+def _features(images: Sequence[NDArray[Any]], scenario: Scenario, marker: MarkerDesign) -> list[Features]:
+    seen = scenario.at(marker=marker.model_dump())
+    return [chain.look(seen, image).features for image in images]
+
+
+def _in_phase(images: Sequence[NDArray[Any]], scenario: Scenario) -> MarkerDesign:
+    """The marker with each element moved by that of `PHASES` that shows its blob in most images; by none where none shows more."""
+    marker = scenario.marker
+    moves = np.array(PHASES) * marker.element_length_m / marker.slit_count
+    offsets = np.array(marker.element_offsets_m) + moves[:, None]
+    found = []
+    for moved in offsets:
+        features = _features(images, scenario, marker.model_copy(update={"element_offsets_m": tuple(moved.tolist())}))
+        found.append([sum(f.blobs_px[name] is not None for f in features) for name in ELEMENT_NAMES])
+    best = np.argmax(found, axis=0)
+    return marker.model_copy(update={"element_offsets_m": tuple(offsets[best, range(len(best))].tolist())})
+
+
+def _next(assumed: FloatArray, result: FloatArray, before: tuple[FloatArray, FloatArray] | None) -> FloatArray:
+    """Where the elements should be assumed next for the result to be the same: Wegstein's secant, each value by itself.
+
+    Where slits are resolved, a blob's light is fitted best between where it is and where the slits were thought to be, so plain
+    repetition swings about the truth.
+    """
+    slope = np.zeros(len(result))
+    if before is not None:
+        run, rise = assumed - before[0], result - before[1]
+        slope = np.clip(np.divide(rise, run, out=slope, where=run != 0), -STEEPEST, 0.0)
+    return assumed + (result - assumed) / (1 - slope)
 
 
 def camera_from_images(

@@ -51,7 +51,8 @@ def false_markers(batch: Batch) -> tuple[int, int]:
         rate = _turned(batch.rates, rng) if batch.rates is not None else _drawn(batch.kind, batch.scenario, rng)
         level = np.exp(rng.uniform(*np.log(LEVELS))) * sensor.full_well_electrons
         frame = expose(sensor, rate * (level / max(float(np.median(rate)), 1e-3 * float(rate.max()))), 1.0, rng).dn
-        found = detect_features(frame, marker, camera, chain.noise_model(batch.scenario, frame))
+        noise, ring_m = chain.noise_model(batch.scenario, frame), batch.scenario.leds.ring_radius_m
+        found = detect_features(frame, marker, camera, noise, ring_m)
         own += found.detected
         other += not found.detected and found.identity is not None
     return own, other

@@ -47,7 +47,8 @@ Finder = Callable[[NDArray[np.uint16], Scenario, Camera], FloatArray | None]
 
 def ours(frame: NDArray[np.uint16], scenario: Scenario, camera: Camera) -> FloatArray | None:
     """The detector of this project."""
-    found = detect_features(frame, scenario.marker, camera, chain.noise_model(scenario, frame))
+    noise, ring_m = chain.noise_model(scenario, frame), scenario.leds.ring_radius_m
+    found = detect_features(frame, scenario.marker, camera, noise, ring_m)
     return None if found.corners_px is None else found.corners_px.mean(axis=0)
 
 

@@ -152,7 +152,8 @@ def features_of(scenario: Scenario, mode: Mode, shown: Exposed) -> Features:
     if mode.pipeline == "thesis":
         sensor = scenario.sensor
         return baseline_features(to_eight_bits(shown.image, sensor.offset_dn, sensor.saturation_dn), scenario.marker)
-    return detect_features(shown.image, scenario.marker, scenario.camera, shown.noise)
+    ring_m = scenario.leds.ring_radius_m
+    return detect_features(shown.image, scenario.marker, scenario.camera, shown.noise, ring_m)
 
 
 def chaser_shadow(view: View, radius_m: float) -> FloatArray:
