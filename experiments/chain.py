@@ -21,7 +21,7 @@ from detector.features import Features, detect_features
 from detector.noise import NoiseModel
 from detector.pose import Pose, solve_pose
 from detector.sensor import Frame, expose
-from experiments.geometry import bit_pixels, bit_scale_px, on_plane, view
+from experiments.geometry import bit_pixels, bit_scale_px, view
 from experiments.illumination import LIGHTS_ON, lights_on, responsivity, strengths, sun_stray_rate
 from experiments.link_budget import LinkBudget, exposure_s, link_budget, link_budget_beside, usable_well
 from experiments.rectify import ideal_camera, in_the_image, rectified
@@ -52,7 +52,6 @@ __all__ = [
     "link_budget_beside",
     "look",
     "noise_model",
-    "on_plane",
     "pose_errors",
     "provenance",
     "quality",

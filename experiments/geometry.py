@@ -11,6 +11,9 @@ from radiometry.geometry import FloatArray
 from radiometry.optics import camera_at, wavelength_nodes
 from scenes.view import View
 
+#: Pixels across a bit's window: enough for the mean of what varies smoothly over it.
+_ACROSS = 32
+
 
 def view(scenario: Scenario) -> View:
     """The part of a scenario that changes transport; its camera's point spread is the whole blur at the range."""
@@ -32,23 +35,24 @@ def bit_scale_px(scene_view: View) -> tuple[float, float]:
 
 
 def bit_pixels(scene_view: View, centres_m: FloatArray) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
-    """Pixels (rows, columns) that count as each bit: within `link.sampling_window_px` of its centre, the nearest at least."""
+    """Pixels (rows, columns) that count as each bit: within `link.sampling_window_px` of its centre, the nearest at least.
+
+    Of a wide window every second, third … row and column, so that no more than `_ACROSS` lie across it.
+    """
     scale = np.array(bit_scale_px(scene_view))
     half = link.sampling_window_px(scene_view.marker.bit_m * scale) / 2
-    reach = int(np.ceil(half.max() * 1.5)) + 1
-    offsets = np.stack(np.meshgrid(*[np.arange(-reach, reach + 1)] * 2), axis=-1).reshape(-1, 2)
-    camera, pixels = scene_view.camera, []
+    step = int(np.ceil(2 * half.max() / _ACROSS))
+    reach = (int(np.ceil(half.max() * 1.5)) // step + 1) * step
+    offsets = np.stack(np.meshgrid(*[np.arange(-reach, reach + 1, step)] * 2), axis=-1).reshape(-1, 2)
+    size = np.array([scene_view.camera.width_px, scene_view.camera.height_px])
+    pixels = []
     for centre, middle in zip(scene_view.to_image(centres_m), centres_m, strict=True):
-        nearby = np.rint(centre).astype(int) + offsets
-        inside = np.all(np.abs(on_plane(scene_view, nearby) - middle[:2]) * scale <= half, axis=1)
+        nearest = np.rint(centre).astype(int)
+        nearby = nearest + offsets
+        nearby = nearby[np.all((nearby >= 0) & (nearby < size), axis=1)]
+        inside = np.all(np.abs(scene_view.to_plane(nearby) - middle[:2]) * scale <= half, axis=1)
         if not inside.any():
-            inside = np.all(offsets == 0, axis=1)
+            inside = np.all(nearby == nearest, axis=1)
         column, row = nearby[inside].T
-        seen = (column >= 0) & (row >= 0) & (column < camera.width_px) & (row < camera.height_px)
-        pixels.append((row[seen], column[seen]))
+        pixels.append((row, column))
     return pixels
-
-
-def on_plane(scene_view: View, image_px: FloatArray) -> FloatArray:
-    """Marker-plane coordinates (n, 2) [m] of image positions (n, 2)."""
-    return scene_view.to_plane(image_px)

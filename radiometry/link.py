@@ -142,10 +142,13 @@ def _polygon_fill(pixels: FloatArray, polygons: FloatArray, psf_sigma_px: float,
     low, high = polygons.min(axis=1), polygons.max(axis=1)
     near = np.all((high > pixels[:, None] - reach) & (low < pixels[:, None] + reach), axis=-1)
     pixel, cell = np.nonzero(near)
-    if len(pixel) == 0:
-        return np.zeros(len(pixels))
     polygon = polygons[cell] - pixels[pixel, None]
     side = np.roll(polygon, -1, axis=1) - polygon
+    whole = _depth(polygon, side) > np.hypot(reach, reach)
+    filled = np.bincount(pixel[whole], shares[cell[whole]], len(pixels))
+    pixel, cell, polygon, side = (values[~whole] for values in (pixel, cell, polygon, side))
+    if len(pixel) == 0:
+        return filled
 
     # Rows between the corners' heights; the kernel itself bends at the pixel's edges, and a slanted side runs through its
     # bends from left to right at heights of their own.
@@ -167,7 +170,14 @@ def _polygon_fill(pixels: FloatArray, polygons: FloatArray, psf_sigma_px: float,
     left, right = np.clip(left, -reach, reach), np.clip(right, -reach, reach)
     strip = pixel_profile_integral(right, sigma) - pixel_profile_integral(left, sigma)
     inside = np.sum(weight * np.where(right > left, strip, 0.0), axis=1)
-    return np.bincount(pixel, inside * shares[cell], len(pixels))
+    return filled + np.bincount(pixel, inside * shares[cell], len(pixels))
+
+
+def _depth(polygon: FloatArray, side: FloatArray) -> FloatArray:
+    """How far the origin lies within convex polygons (n, k, 2) from the nearest side, negative outside (n,)."""
+    length = np.maximum(np.linalg.norm(side, axis=-1), 1e-12)
+    distance = (polygon[..., 0] * side[..., 1] - polygon[..., 1] * side[..., 0]) / length
+    return np.maximum(distance.min(axis=1), (-distance).min(axis=1))
 
 
 def smear_px(camera: Camera, range_m: ArrayLike, speed_m_s: ArrayLike, exposure_s: ArrayLike) -> FloatArray:

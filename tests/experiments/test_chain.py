@@ -147,7 +147,16 @@ def test_bit_pixels_lie_on_their_bits(range_m: float) -> None:
     assert len(pixels) == len(centres)
     for centre, (rows, columns) in zip(centres, pixels, strict=True):
         assert len(rows) >= 1
-        off = np.abs(chain.on_plane(view, np.column_stack([columns, rows])) - centre[:2])
+        off = np.abs(view.to_plane(np.column_stack([columns, rows])) - centre[:2])
         if marker.bit_m * min(chain.bit_scale_px(view)) >= 4:
             assert (off <= marker.bit_m / 4 + 1e-9).all()
-    np.testing.assert_allclose(chain.on_plane(view, view.to_image(centres)), centres[:, :2], atol=1e-12)
+    np.testing.assert_allclose(view.to_plane(view.to_image(centres)), centres[:, :2], atol=1e-12)
+
+
+def test_a_bit_that_is_larger_than_the_frame_counts_with_some_of_its_pixels() -> None:
+    scenario = load_scenario(overrides=("camera.focal_length_m=0.5",)).at(range_m=0.5)
+    view = chain.view(scenario)
+    pixels = chain.bit_pixels(view, scenario.marker.white_bit_centres_m())
+    assert 0 < sum(len(rows) for rows, _ in pixels) < 40**2 * len(pixels)
+    assert all(np.all((r >= 0) & (r < 580) & (c >= 0) & (c < 752)) for r, c in pixels)
+    assert np.isfinite(chain.link_budget(scenario, "eclipse").signal_rate)

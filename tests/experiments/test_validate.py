@@ -130,7 +130,7 @@ def test_slits_show_their_floor_where_the_blob_is() -> None:
     assert np.all(shares[:printed] == 1)
     assert 0 < shares[printed:].max() <= 1 - view.marker.slat_fraction
     camera, top = view.to_marker(np.zeros(3)), view.marker.elements[0]
-    on_plane = chain.on_plane(view, cells[printed:].mean(axis=1))
+    on_plane = view.to_plane(cells[printed:].mean(axis=1))
     of_top = np.abs(on_plane @ top.across[:2] - top.centre_m @ top.across) < top.width_m / 2
     centre = np.average(on_plane[of_top] @ top.along[:2], weights=shares[printed:][of_top])
     pitch = top.length_m / view.marker.slit_count

@@ -208,6 +208,18 @@ def test_a_slanted_edge_fills_as_adaptive_quadrature_says(distance: float, slant
     assert float(reflective_fill([[0.0, 0.0]], quad_px[None], sigma)[0]) == pytest.approx(expected, abs=error + 1e-6)
 
 
+def test_pixels_deep_inside_a_polygon_hold_its_whole_share_and_those_about_its_edge_join_them() -> None:
+    """Whichever way round its corners go; from the inside out, the fill falls without a step where quadrature takes over."""
+    square = np.array([[-20.0, -20.0], [20.0, -16.0], [18.0, 21.0], [-19.0, 20.0]])
+    line = np.column_stack([np.zeros(401), np.linspace(0, 30, 401)])
+    for corners in (square, square[::-1]):
+        fill = reflective_fill(line, corners[None], 0.6, [0.7])
+        np.testing.assert_array_equal(fill[line[:, 1] < 15], 0.7)
+        assert np.all(np.diff(fill) < 1e-6)
+        assert np.abs(np.diff(fill)).max() < 0.7 * 0.1
+        assert fill[-1] == 0
+
+
 def test_a_plane_full_of_tape_fills_every_pixel() -> None:
     fill = reflective_fill([[0, 0], [3.2, -1.7]], [[-100, 100, -100, 0.5], [-100, 100, 0.5, 100]], 0.5)
     np.testing.assert_allclose(fill, 1, atol=1e-12)
