@@ -71,13 +71,20 @@ def shoot(scenario: Scenario, trial: int = 0) -> Shot:
     return Shot(scenario, frame, seconds, seen, *chain.pose_errors(scenario, seen.pose))
 
 
-def detect(image: NDArray[Any] | str | Path, scenario: Scenario) -> chain.Sighting:
+def detect(
+    image: NDArray[Any] | str | Path, scenario: Scenario, off: NDArray[Any] | str | Path | None = None
+) -> chain.Sighting:
     """Features and pose of an image, an array or a file from anywhere; the scenario says which camera and which marker.
 
+    Args:
+        off: a frame without the LEDs, which is subtracted.
+
     Raises:
-        ValueError: when the image cannot be read or is not of the camera's size.
+        ValueError: when an image cannot be read or is not of the camera's size, or the two are not of one kind.
     """
-    return chain.look(scenario, read_image(image) if isinstance(image, (str, Path)) else image)
+    images = [read_image(part) if isinstance(part, (str, Path)) else part for part in (image, off)]
+    assert images[0] is not None
+    return chain.look(scenario, *images)
 
 
 def budget(scenario: Scenario, quick: bool = True) -> Any:

@@ -19,12 +19,13 @@ from numpy.typing import NDArray
 
 from detector.features import Features, detect_features
 from detector.noise import NoiseModel
+from detector.pair import difference, pair_noise
 from detector.pose import Pose, solve_pose
 from detector.sensor import Frame, expose
 from experiments.geometry import bit_pixels, bit_scale_px, view
 from experiments.illumination import LIGHTS_ON, lights_on, responsivity, strengths, sun_stray_rate
 from experiments.link_budget import LinkBudget, exposure_s, link_budget, link_budget_beside, usable_well
-from experiments.rectify import ideal_camera, in_the_image, rectified
+from experiments.rectify import ideal_camera, in_the_image, rectified, rectified_noise
 from experiments.scenario import Scenario
 from materials import library
 from radiometry import stray
@@ -267,11 +268,15 @@ class Sighting:
         return sighting_html(self)
 
 
-def look(scenario: Scenario, image: NDArray[Any]) -> Sighting:
+def look(scenario: Scenario, image: NDArray[Any], off: NDArray[Any] | None = None) -> Sighting:
     """Find the scenario's marker in an image and solve its pose; a distorted lens's image is rectified first.
 
+    Args:
+        off: a frame without the LEDs, taken as the image was: it is subtracted, and the noise of both is heeded.
+
     Raises:
-        ValueError: when the image is not two-dimensional, of another size than the camera's, or holds NaN or infinity.
+        ValueError: when the image is not two-dimensional, of another size than the camera's, or holds NaN or infinity, or `off`
+            is of another size or kind of number than the image.
     """
     camera = scenario.camera
     if image.shape != (camera.height_px, camera.width_px):
@@ -279,8 +284,12 @@ def look(scenario: Scenario, image: NDArray[Any]) -> Sighting:
             f"image is {'×'.join(map(str, image.shape[::-1]))} px, the camera {camera.width_px}×{camera.height_px} px"
         )
     noise, camera = noise_model(scenario, image), view(scenario).camera
+    if off is not None:
+        known = noise if noise_model(scenario, off) is not None else None
+        image, noise = difference(image, off, known or pair_noise(image, off))
     ideal = ideal_camera(camera) if camera.distorted else camera
     seen = rectified(image, camera, ideal, noise) if camera.distorted else image
+    noise = rectified_noise(noise, camera, ideal) if camera.distorted else noise
     features = detect_features(seen, scenario.marker, ideal, noise, scenario.leds.ring_radius_m)
     pose = solve_pose(features, scenario.marker, ideal) if features.detected else None
     return Sighting(in_the_image(features, camera, ideal) if camera.distorted else features, pose)

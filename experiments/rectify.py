@@ -43,10 +43,7 @@ def rectified(image: NDArray[Any], camera: Camera, ideal: Camera, noise: NoiseMo
     Interpolation averages noise: between pixels its variance falls to half or so, and neighbours are no longer independent. What
     touches a saturated pixel stays saturated.
     """
-    column, row = np.meshgrid(np.arange(ideal.width_px), np.arange(ideal.height_px))
-    tangents = (np.stack([column, row], axis=-1) - ideal.principal_point_px) / ideal.focal_px
-    places = camera.project(np.concatenate([tangents, np.ones((*column.shape, 1))], axis=-1))
-    at = [places[..., 1], places[..., 0]]
+    at = _places(camera, ideal)
     low, high = float(image.min()), float(image.max())
     # Splines overshoot at edges; light does not.
     result = map_coordinates(np.asarray(image, float), at, order=3, mode="nearest").clip(low, high)
@@ -54,6 +51,24 @@ def rectified(image: NDArray[Any], camera: Camera, ideal: Camera, noise: NoiseMo
         full = np.asarray(image >= noise.saturated_above_dn, float)
         result[map_coordinates(full, at, order=1, mode="nearest") > 0] = min(high, noise.saturation_dn)
     return result
+
+
+def rectified_noise(noise: NoiseModel | None, camera: Camera, ideal: Camera) -> NoiseModel | None:
+    """The noise of a rectified image: what is known by pixel goes where the pixel goes."""
+    if noise is None or noise.extra_variance_dn2 is None:
+        return noise
+    at, blind = _places(camera, ideal), ~np.isfinite(noise.extra_variance_dn2)
+    extra = map_coordinates(np.where(blind, 0.0, noise.extra_variance_dn2), at, order=1, mode="nearest")
+    extra[map_coordinates(blind.astype(float), at, order=1, mode="nearest") > 0] = np.inf
+    return replace(noise, extra_variance_dn2=extra)
+
+
+def _places(camera: Camera, ideal: Camera) -> list[FloatArray]:
+    """Rows and columns in the camera's image of every pixel of the ideal one [px]."""
+    column, row = np.meshgrid(np.arange(ideal.width_px), np.arange(ideal.height_px))
+    tangents = (np.stack([column, row], axis=-1) - ideal.principal_point_px) / ideal.focal_px
+    places = camera.project(np.concatenate([tangents, np.ones((*column.shape, 1))], axis=-1))
+    return [places[..., 1], places[..., 0]]
 
 
 def in_the_image(found: Features, camera: Camera, ideal: Camera) -> Features:

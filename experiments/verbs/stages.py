@@ -193,15 +193,16 @@ def expose(options: Options, basis: Path, scenario: str | None, trial: int) -> N
 @click.command()
 @click.argument("image", type=click.Path(path_type=Path))
 @SCENARIO
+@click.option("--off", type=click.Path(path_type=Path), help="A frame without the LEDs, which is subtracted.")
 @click.option("--require", type=click.Choice(["detected", "pose"]), help="Exit status 4 where this was not reached.")
 @shared_options
-def detect(options: Options, image: Path, scenario: str | None, require: str | None) -> None:
+def detect(options: Options, image: Path, scenario: str | None, off: Path | None, require: str | None) -> None:
     """Features and pose of one image, from anywhere; the scenario says which camera and which marker."""
     from experiments import chain, sighting
     from experiments.files import read_image, write_text
 
     chosen = options.scenario(scenario)
-    seen = chain.look(chosen, read_image(image))
+    seen = chain.look(chosen, read_image(image), None if off is None else read_image(off))
     record = sighting.as_record(seen)
     options.emit(record)
     if options.out is not None:

@@ -193,6 +193,8 @@ MISTAKES: list[tuple[tuple[str, ...], str]] = [
     (("detect", "text.exr", "small.toml"), "text.exr: not a readable OpenEXR file"),
     (("detect", "size.png", "small.toml"), "image is 64×48 px, the camera 160×160 px"),
     (("detect", "nan.exr", "small.toml"), "nan.exr: holds NaN or infinite pixels"),
+    ((*DETECT, "--off", "none.png"), "none.png: no such file"),
+    ((*DETECT, "--off", "size.png"), "off: 64×48 px of"),
     # the other verbs' files
     (("sweep", "none.toml", "-o", "new.nc"), "none.toml"),
     (("sweep", "broken.toml", "-o", "new.nc"), "broken.toml"),

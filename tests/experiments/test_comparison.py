@@ -13,10 +13,10 @@ from radiometry.encoding import RAYLEIGH_MEDIAN
 
 
 def test_every_target_is_run_alike() -> None:
-    plan = study.Plan((2.3, 4.6), (0.0, 30.0), 3)
+    plan = study.Plan((2.3, 4.6), (0.0, 30.0), 4)
     runs = study.runs(plan)
     assert len(runs) == len(study.TARGETS) * 2
-    assert {r.angles_deg for r in runs} == {(0.0, 0.0, 0.0, 30.0, 30.0, 30.0)}
+    assert {r.angles_deg for r in runs} == {(-1.5, -0.5, 0.5, 1.5, 28.5, 29.5, 30.5, 31.5)}
 
 
 def test_published_markers_have_sources_and_models_scale_with_pixels() -> None:

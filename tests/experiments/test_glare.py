@@ -11,13 +11,14 @@ from scipy import stats
 
 from detector.features import detect_features
 from detector.noise import NoiseModel
+from detector.pair import shifted
 from detector.sensor import Sensor, expose
 from experiments import chain
 from experiments.glare import case as glare_case
 from experiments.glare import conditions
 from experiments.glare import report as glare_report
 from experiments.glare import study as glare
-from experiments.glare.fusion import difference, fused, shifted
+from experiments.glare.fusion import difference, fused
 from experiments.glare.gallery import worst_frames
 from experiments.glare.geometry import Geometry, MovedView, Stand, at_sun, cropped, render
 from experiments.glare.modes import MODES, Mode, chaser_shadow, pulse_s, rung_exposures_s, take, through

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from detector.features import Features
 from experiments import chain, sighting
+from experiments.files import write_png
 from experiments.scenario import Scenario
 from scenes.marker import ELEMENT_NAMES
 from scenes.transport import TransportBasis
@@ -62,3 +65,38 @@ def test_features_without_a_pose_say_so(seen: chain.Sighting) -> None:
     assert record["pose"] is None
     assert "no pose" in record["reason"]
     assert "No pose" in sighting.describe(blind)[-1]
+
+
+@pytest.mark.parametrize("distorted", [False, True], ids=["ideal lens", "distorted lens"])
+def test_an_on_off_pair_of_files_is_seen_as_its_difference(
+    distorted: bool, small: Scenario, small_basis: TransportBasis, tmp_path: Path,
+    mantis: Callable[..., tuple[int, str, str]],
+) -> None:  # fmt: skip
+    """With and without the noise known: frames in the sensor's numbers, and those stretched by some other camera."""
+    lens = ("camera.k1=-0.05",) if distorted else ()
+    camera = small.changed(*lens)
+    bare = chain.electron_rate(small, small_basis, "sun") - chain.electron_rate(small, small_basis, "eclipse")
+    rates = {"on": chain.electron_rate(small, small_basis, "sun"), "off": np.maximum(bare, 0.0)}
+    frames = {name: chain.take_frame(small, rate, "sun", 5e-7, k).dn for k, (name, rate) in enumerate(rates.items())}
+    seen = {}
+    for kind, stretch in (("own", 1), ("stretched", 16)):
+        images = {name: (frame * stretch).astype(np.uint16) for name, frame in frames.items()}
+        for name, image in images.items():
+            write_png(image, tmp_path / f"{name}.png")
+        assert (chain.noise_model(small, images["on"]) is None) == (kind == "stretched")
+        overrides = [part for key in (*lens, "range_m=3", "camera.width_px=160", "camera.height_px=160") for part in ("--set", key)]
+        status, out, error = mantis("detect", tmp_path / "on.png", "--off", tmp_path / "off.png", "--json", *overrides)
+        assert (status, error) == (0, "")
+        seen[kind] = json.loads(out)
+        expected = sighting.as_record(chain.look(camera, images["on"], images["off"]))
+        np.testing.assert_allclose(seen[kind]["corners_px"], expected["corners_px"], atol=1e-9)
+        truth = chain.view(small).to_image(small.marker.corners_m)
+        assert np.abs(np.array(seen[kind]["corners_px"]) - truth).max() < (0.5 if distorted else 0.05)
+        assert not np.array_equal(seen[kind]["corners_px"], sighting.as_record(chain.look(camera, images["on"]))["corners_px"])
+    np.testing.assert_allclose(seen["own"]["corners_px"], seen["stretched"]["corners_px"], atol=0.02)
+
+
+def test_an_off_frame_of_another_kind_is_refused(small: Scenario) -> None:
+    on = np.full((160, 160), 64, np.uint16)
+    with pytest.raises(ValueError, match="off: 160×160 px of uint8; expected 160×160 px of uint16"):
+        chain.look(small, on, on.astype(np.uint8))
