@@ -29,8 +29,8 @@ def mean_frame_rate(view: View, rate: Rate) -> float:
     rows = (np.arange(_DOWN) + 0.5) * camera.height_px / _DOWN - 0.5
     points = view.to_plane(np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2))
     points = np.column_stack([points, np.zeros(len(points))])
-    reach = np.abs(points).max(axis=1)
-    face = points[(reach < target.face_m / 2) & (reach >= marker.size_m / 2)]
+    on_face = np.abs(points[:, :2] - target.face_centre_m).max(axis=1) < target.face_m / 2
+    face = points[on_face & (np.abs(points).max(axis=1) >= marker.size_m / 2)]
     total = rate(face, target.face_material).sum() / len(points) if len(face) else 0.0
 
     # Areas in the image, in pixels, of the tape that the camera sees and of the marker's front.
