@@ -14,7 +14,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from detector.blob_fit import Readings, View, blob_step, descend, readings_of, search_positions
+from detector.blob_fit import Readings, View, blob_step, descend, readings_of, search_positions, thinned
 from detector.compiled import kernel
 from detector.corners import PatternFit, gather, sample
 from detector.noise import NoiseModel
@@ -116,23 +116,19 @@ class _ElementImage:
         )
         #: Levels of blob and background, and of the foil and its slope, where it spills in.
         self.level = np.zeros(4)
-        self.few = self._readings(-(-self.count // DESCENT_PIXELS))
-        if self.few.light[2].max() < 1e-3:
-            self.level = np.zeros(2)
-            self.few = self.few._replace(light=self.few.light[:2])
-        self.level[1] = fit.black_dn
-        self.look_from(np.array([0.0, 0.0, range_m]))
-
-    def _readings(self, every: int) -> Readings:
         seen = self.seen
-        readings = Readings(
+        self.all = Readings(
             *readings_of(
-                *(np.ascontiguousarray(a[::every]) for a in (seen.columns, seen.rows, seen.data, seen.saturated, seen.extra)),
-                seen.noise, inverse3(self.fit.matrix), self.layout.axis, self.geometry,
-                self.fit.levels_dn,
+                seen.columns, seen.rows, seen.data, seen.saturated, seen.extra, seen.noise, inverse3(fit.matrix),
+                layout.axis, self.geometry, fit.levels_dn,
             )
         )  # fmt: skip
-        return readings._replace(light=readings.light[: len(self.level)])
+        if self.all.light[2].max() < 1e-3:
+            self.level = np.zeros(2)
+            self.all = self.all._replace(light=self.all.light[:2])
+        self.few = thinned(self.all, -(-self.count // DESCENT_PIXELS))
+        self.level[1] = fit.black_dn
+        self.look_from(np.array([0.0, 0.0, range_m]))
 
     def look_from(self, camera_m: FloatArray) -> None:
         """Set where the camera stands in the marker frame."""
@@ -172,9 +168,8 @@ class _ElementImage:
         u, last = descend(self.view, self.few, u, pitch, self.level)
         found = _Step(*last)
         if len(self.few.u) < self.count:
-            every = self._readings(1)
             for _ in range(LAST_STEPS):
-                found = _Step(*blob_step(self.view, every, u, 0.05 * pitch, self.level))
+                found = _Step(*blob_step(self.view, self.all, u, 0.05 * pitch, self.level))
                 u += min(max(found.step_m, -pitch), pitch)
                 if abs(found.step_m) < LAST_PITCHES * pitch:
                     break

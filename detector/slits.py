@@ -9,6 +9,7 @@ little beside it, so that part of the floor that is seen is dark.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -18,6 +19,11 @@ from scenes.marker import Element, MarkerDesign
 
 #: Eight lights that stand for a ring of radius 1: distances from the lens along the element of points evenly around it.
 _RING = np.cos(np.pi * (np.arange(8) + 0.5) / 8)
+
+
+def _dot(one: Sequence[float] | FloatArray, two: FloatArray) -> float:
+    """Scalar product of two vectors (3,): for so few NumPy takes ten times as long."""
+    return float(one[0] * two[0] + one[1] * two[1] + one[2] * two[2])
 
 
 class Slits:
@@ -40,7 +46,8 @@ class Slits:
         #: Distance from the blob at which a slit shows nothing [m].
         self.half_width = (self.pitch - 2 * self.half_slat) / self.follow
         # Across the slits a floor point hides behind the side wall where the sight line is oblique.
-        k, across = depth / range_m, float((camera_m - element.centre_m) @ element.across)
+        x, y, z = camera_m.tolist()
+        k, across = depth / range_m, _dot((x, y, z), element.across) - _dot(element.centre_m, element.across)
         side = element.width_m / 2
         #: Ends of the seen floor across the slits, from the element's centre [m].
         self.across = max((-side + across * k) / (1 + k), -side), min((side + across * k) / (1 + k), side)
@@ -48,7 +55,7 @@ class Slits:
         self.beside = np.zeros(1)
         if light_ring_m > 0:
             # The ring is square to the line of sight, near enough; tilted, it is narrower along the element.
-            tilt = float(camera_m @ element.along) / float(np.linalg.norm(camera_m))
+            tilt = _dot((x, y, z), element.along) / math.sqrt(x * x + y * y + z * z)
             self.beside = _RING * (light_ring_m * math.sqrt(1 - tilt**2) * depth / (depth + range_m))
         #: Start, pitch, half slat and follow, for the kernels.
         self.numbers = np.array([self.start, self.pitch, self.half_slat, self.follow])

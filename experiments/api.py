@@ -82,9 +82,8 @@ def detect(
     Raises:
         ValueError: when an image cannot be read or is not of the camera's size, or the two are not of one kind.
     """
-    images = [read_image(part) if isinstance(part, (str, Path)) else part for part in (image, off)]
-    assert images[0] is not None
-    return chain.look(scenario, *images)
+    seen = read_image(image) if isinstance(image, (str, Path)) else image
+    return chain.look(scenario, seen, read_image(off) if isinstance(off, (str, Path)) else off)
 
 
 def budget(scenario: Scenario, quick: bool = True) -> Any:

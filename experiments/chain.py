@@ -281,7 +281,8 @@ def look(scenario: Scenario, image: NDArray[Any], off: NDArray[Any] | None = Non
     camera = scenario.camera
     if image.shape != (camera.height_px, camera.width_px):
         raise ValueError(
-            f"image is {'×'.join(map(str, image.shape[::-1]))} px, the camera {camera.width_px}×{camera.height_px} px"
+            f"image is {'×'.join(map(str, image.shape[::-1]))} px, the camera {camera.width_px}×{camera.height_px} px "
+            "(camera.width_px, camera.height_px)"
         )
     noise, camera = noise_model(scenario, image), view(scenario).camera
     if off is not None:

@@ -23,8 +23,8 @@ from scenes.marker import MarkerDesign
 NO_MARKER_M = 1e-4
 #: What a frame shows.
 KINDS = ("rendered foil", "polygons", "chessboard", "other identities", "speckle", "text and stripes")
-#: Of the detector's columns and rows, the middle ones: this many times fewer, so that a frame costs a quarter of a whole one.
-CUT = 2
+#: Of the detector's columns and rows, this many times fewer, from the middle: all, or a quarter that costs as much less.
+WHOLE, QUARTER = 1, 2
 #: Share of the frames that is rendered; the drawn kinds share the rest.
 RENDERED_SHARE = 0.5
 #: Brightness of a frame's median pixel over full well, from nearly dark to nearly all saturated; log-uniform.
@@ -59,11 +59,17 @@ def false_markers(batch: Batch) -> tuple[int, int]:
 
 
 def study(
-    scenario: Scenario, frames: int, renders: int, workers: int | None = None, progress: Progress | None = None
-) -> xr.Dataset:
-    """Frames from the middle of the detector, and false markers among them, by kind."""
-    scenario = middle_of(scenario)
-    rng = np.random.default_rng(scenario.seed)
+    scenario: Scenario, frames: int, renders: int, workers: int | None = None, progress: Progress | None = None,
+    cut: int = QUARTER,
+) -> xr.Dataset:  # fmt: skip
+    """Frames, and false markers among them, by kind and by their size.
+
+    Args:
+        renders: faces that the rendered share of the frames shows.
+        cut: the frames are the middle of the detector, this many times fewer columns and rows.
+    """
+    scenario = middle_of(scenario, cut)
+    rng = np.random.default_rng((scenario.seed, cut))
     rendered, drawn = int(frames * RENDERED_SHARE), frames - int(frames * RENDERED_SHARE)
     counts = dict.fromkeys(KINDS, 0)
     own, other = dict.fromkeys(KINDS, 0), dict.fromkeys(KINDS, 0)
@@ -72,33 +78,39 @@ def study(
         for k, kind in enumerate(KINDS[1:]):
             share = drawn // (len(KINDS) - 1) + (k < drawn % (len(KINDS) - 1))
             for part, count in enumerate(_portions(share, 20)):
-                waiting.append((kind, count, submit(Batch(scenario, kind, None, count, _seed(scenario, 1 + k, part)))))
+                waiting.append(
+                    (kind, count, submit(Batch(scenario, kind, None, count, _seed(scenario, cut, 1 + k, part))))
+                )
         for k, count in enumerate(_portions(rendered, -(-rendered // renders))):
             if progress is not None:
                 progress(k, renders, "face without a marker")
             waiting.append(
-                (KINDS[0], count, submit(Batch(scenario, KINDS[0], _foil(scenario, rng), count, _seed(scenario, 0, k))))
+                (
+                    KINDS[0],
+                    count,
+                    submit(Batch(scenario, KINDS[0], _foil(scenario, rng), count, _seed(scenario, cut, 0, k))),
+                )
             )
         for kind, count, job in waiting:
             counts[kind] += count
             seen = job.result()
             own[kind] += seen[0]
             other[kind] += seen[1]
-    total = {"units": "1"}
+    camera, dims = scenario.camera, ("size_px", "kind")
+    names = {
+        "frames": (counts, "frames without the marker"), "false": (own, "frames with a false marker"),
+        "false_other": (other, "frames with another identity named"),
+    }  # fmt: skip
     return xr.Dataset(
-        {
-            "frames": ("kind", [counts[k] for k in KINDS], {**total, "long_name": "frames without the marker"}),
-            "false": ("kind", [own[k] for k in KINDS], {**total, "long_name": "frames with a false marker"}),
-            "false_other": ("kind", [other[k] for k in KINDS], {**total, "long_name": "frames with another identity named"}),
-        },
-        {"kind": list(KINDS)},
-    )  # fmt: skip
+        {n: (dims, [[c[k] for k in KINDS]], {"units": "1", "long_name": label}) for n, (c, label) in names.items()},
+        {"kind": list(KINDS), "size_px": [f"{camera.width_px} × {camera.height_px}"]},
+    )
 
 
-def middle_of(scenario: Scenario) -> Scenario:
-    """The scenario with the middle of its detector alone."""
+def middle_of(scenario: Scenario, cut: int = QUARTER) -> Scenario:
+    """The scenario with the middle of its detector alone, `cut` times fewer columns and rows."""
     camera = scenario.camera
-    size = {"width_px": max(camera.width_px // CUT, 64), "height_px": max(camera.height_px // CUT, 64)}
+    size = {"width_px": max(camera.width_px // cut, 64), "height_px": max(camera.height_px // cut, 64)}
     return scenario.at(camera={**camera.model_dump(), **size})
 
 
@@ -107,8 +119,8 @@ def upper_limit(false: int, frames: int) -> float:
     return float(clopper_pearson(np.array(float(false)), frames, 0.90)[1])
 
 
-def _seed(scenario: Scenario, kind: int, part: int) -> int:
-    return int(np.random.SeedSequence((scenario.seed, kind, part)).generate_state(1)[0])
+def _seed(scenario: Scenario, *part: int) -> int:
+    return int(np.random.SeedSequence((scenario.seed, *part)).generate_state(1)[0])
 
 
 def _portions(total: int, size: int) -> list[int]:

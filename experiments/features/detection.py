@@ -34,6 +34,8 @@ FAMILIES: Mapping[str, str] = {
 }
 PX_PER_BIT = (1.25, 1.5, 1.75, 2.0, 2.25, 2.5, 3.0, 4.0, 6.0)
 CNR = (0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 12.0)
+#: Where the target stands; the size that most frames are spent on.
+AT_PX_PER_BIT = 2.0
 #: Pixels of a bit where contrast is varied, and the contrast where size is: that of 'auto' exposure.
 PX_PER_BIT_OF_CNR = 4.0
 #: Tilts are drawn within this about both axes, the roll all around [deg].
@@ -182,14 +184,19 @@ def exposure_for(budget: chain.LinkBudget, cnr: float) -> float:
 def study(
     scenario: Scenario, attitudes: int, shifts: int, draws: int, px_per_bit: tuple[float, ...] = PX_PER_BIT,
     cnr: tuple[float, ...] = CNR, workers: int | None = None, progress: Progress | None = None,
+    attitudes_at_target: int = 0,
 ) -> xr.Dataset:  # fmt: skip
     """Counts of frames with the marker found, over family, detector and pixels per bit, and over contrast.
 
     Every detector of a family sees the same `attitudes · shifts · draws` frames.
+
+    Args:
+        attitudes_at_target: attitudes at `AT_PX_PER_BIT`, where more than elsewhere.
     """
     rng = np.random.default_rng(scenario.seed)
-    angles = rng.uniform(-1, 1, (attitudes, 3)) * (TILT_DEG, TILT_DEG, 180.0)
-    places = rng.uniform(-0.5, 0.5, (attitudes, shifts, 2))
+    most = max(attitudes, attitudes_at_target)
+    angles = rng.uniform(-1, 1, (most, 3)) * (TILT_DEG, TILT_DEG, 180.0)
+    places = rng.uniform(-0.5, 0.5, (most, shifts, 2))
     cases = [(f, px, None) for f in FAMILIES for px in px_per_bit] + [(f, PX_PER_BIT_OF_CNR, cnr) for f in FAMILIES]
     names = list(dict.fromkeys(name for family in FAMILIES for name in finders(family)))
     by_size = np.full((len(FAMILIES), len(names), len(px_per_bit)), np.nan)
@@ -199,8 +206,9 @@ def study(
         for k, (family, px, contrasts) in enumerate(cases):
             if progress is not None:
                 progress(k, len(cases), f"{family}, {px:g} px/bit")
+            used = attitudes if contrasts or px != AT_PX_PER_BIT else most
             for setting in settings_of(
-                scenario, family, px, contrasts, angles, places, draws, scenario.seed + 1000 * k
+                scenario, family, px, contrasts, angles[:used], places[:used], draws, scenario.seed + 1000 * k
             ):
                 waiting.append((family, px, contrasts, submit(setting)))
         for family, px, contrasts, job in waiting:
@@ -211,12 +219,17 @@ def study(
                 table[row, names.index(name), column] = np.where(np.isnan(cell), 0, cell) + (
                     count if contrasts else count[0]
                 )
-    frames = attitudes * shifts * draws
+    by_attitude = shifts * draws
+    frames = [by_attitude * (most if px == AT_PX_PER_BIT else attitudes) for px in px_per_bit]
     dims = ("family", "detector")
     return xr.Dataset(
         {
             "found_by_size": ((*dims, "px_per_bit"), by_size, {"units": "1", "long_name": "frames with the marker found"}),
             "found_by_cnr": ((*dims, "cnr"), by_cnr, {"units": "1", "long_name": "frames with the marker found"}),
+            "frames_by_size": ("px_per_bit", frames, {"units": "1", "long_name": "frames shown to each detector"}),
+            "frames_by_cnr": (
+                "cnr", [by_attitude * attitudes] * len(cnr), {"units": "1", "long_name": "frames shown to each detector"},
+            ),
         },
         {
             "family": list(FAMILIES),
@@ -224,13 +237,15 @@ def study(
             "px_per_bit": ("px_per_bit", list(px_per_bit), {"units": "pixel", "long_name": "pixels per bit, frontal"}),
             "cnr": ("cnr", list(cnr), {"units": "1", "long_name": "contrast-to-noise ratio of a bit, closed form"}),
         },
-        {"frames": frames, "px_per_bit_of_cnr": PX_PER_BIT_OF_CNR},
+        {"px_per_bit_of_cnr": PX_PER_BIT_OF_CNR},
     )  # fmt: skip
 
 
-def clopper_pearson(successes: FloatArray, trials: int, confidence: float = 0.95) -> tuple[FloatArray, FloatArray]:
+def clopper_pearson(
+    successes: FloatArray, trials: FloatArray | int, confidence: float = 0.95
+) -> tuple[FloatArray, FloatArray]:
     """Exact binomial interval of a probability (Clopper and Pearson, Biometrika 26, 1934), both ends of the shape given."""
-    k = np.asarray(successes, float)
+    k, trials = np.asarray(successes, float), np.asarray(trials)
     tail = (1 - confidence) / 2
     low = np.where(k > 0, betaincinv(np.maximum(k, 1), trials - k + 1, tail), 0.0)
     high = np.where(k < trials, betaincinv(k + 1, np.maximum(trials - k, 1), 1 - tail), 1.0)

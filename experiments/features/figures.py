@@ -7,8 +7,8 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.features.detection import clopper_pearson
-from experiments.features.tables import AT_PX_PER_BIT, BIAS_PX, RATIO, ratios, rms_over_blobs
+from experiments.features.detection import AT_PX_PER_BIT, clopper_pearson
+from experiments.features.tables import BIAS_PX, RATIO, ratios, rms_over_blobs
 from experiments.figures import BLACK, COLOURS, MARKERS, new_figure
 
 CAPTIONS = {
@@ -101,16 +101,14 @@ def bound_figure(data: xr.Dataset) -> Figure:
 def detection_figure(found: xr.Dataset) -> Figure:
     """Detection rates against size and contrast."""
     figure, axes = new_figure(1, 2, (7.6, 3.6), sharey=True)
-    frames, k = found.attrs["frames"], 0
+    k = 0
     for family in found.family.values:
         for detector in found.detector.values:
             counts = found.sel(family=family, detector=detector)
             if counts.found_by_size.isnull().all():
                 continue
-            for axis, name, along in zip(
-                axes[0], ("found_by_size", "found_by_cnr"), ("px_per_bit", "cnr"), strict=True
-            ):
-                values = counts[name].values
+            for axis, name, along in zip(axes[0], ("size", "cnr"), ("px_per_bit", "cnr"), strict=True):
+                values, frames = counts[f"found_by_{name}"].values, found[f"frames_by_{name}"].values
                 low, high = clopper_pearson(values, frames)
                 rate = values / frames
                 axis.errorbar(

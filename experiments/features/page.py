@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from experiments.features import tables
-from experiments.features.clutter import KINDS, middle_of
-from experiments.features.detection import PX_PER_BIT_OF_CNR, TILT_DEG, has_apriltags
+from experiments.features.clutter import KINDS, QUARTER
+from experiments.features.detection import AT_PX_PER_BIT, PX_PER_BIT_OF_CNR, TILT_DEG, has_apriltags
 from experiments.features.figures import CAPTIONS
 
 if TYPE_CHECKING:
     from experiments.features.study import Result
 
 
-def page(result: Result, command: str) -> str:
-    """Verdict first, then each part's figure and table, then how it was done."""
+def page(result: Result, command: str, made: Mapping[str, str | float]) -> str:
+    """Verdict first, then each part's figure and table, then how it was done; `made` says with what, see `chain.provenance`."""
     found = tables.targets(result.accuracy, result.detection, result.clutter, result.trials)
     parts = [
         "# Features, their limits, and calibration",
-        f"Made by `{command}`; every number of this page comes from that run, from rendered frames with sensor noise.",
+        f"Made by `{command}`; every number of this page comes from that run, from rendered frames with sensor noise. Software: "
+        f"{made['software']} ({made['versions']}); scenario {made['scenario_hash']}; detector code {made['detector_code']}.",
         "## Verdict", tables.headline(found), tables.markdown(tables.TARGET_HEADINGS, tables.target_rows(found)),
         "## Scatter beside the Cramér–Rao bound", _image("scatter"), _image("bound"), _image("bias"),
         _accuracy_words(result), tables.markdown(tables.ACCURACY_HEADINGS, tables.accuracy_rows(result.accuracy)),
@@ -60,24 +62,33 @@ def _accuracy_words(result: Result) -> str:
 
 
 def _detection_words(result: Result) -> str:
-    frames, plan = result.detection.attrs["frames"], result.plan
+    plan, frames = result.plan, result.detection.frames_by_size.sel
     others = "" if has_apriltags() else " pupil-apriltags was not installed."
+    at_target = (
+        f" At {AT_PX_PER_BIT:g} px/bit there are {int(frames(px_per_bit=AT_PX_PER_BIT))}, of {plan.attitudes_at_target} "
+        "attitudes, so that the interval tells whether 99 % is met."
+        if plan.attitudes_at_target > plan.attitudes
+        else ""
+    )
     return (
-        f"{frames} frames a point: {plan.attitudes} attitudes (tilts up to {TILT_DEG:g}°, any roll), each at "
-        f"{plan.attitude_shifts} sub-pixel positions × {plan.attitude_draws} draws; found means the right identity within a bit "
-        f"of its place. Contrast is varied at {PX_PER_BIT_OF_CNR:g} px/bit by the exposure. OpenCV's ArUco and pupil-apriltags "
-        f"get the frame stretched to 8 bits, with default settings but no decimation.{others} The time that our detector "
-        "takes beside OpenCV's is measured by `benchmarks/detector.py`."
+        f"{plan.attitudes * plan.attitude_shifts * plan.attitude_draws} frames a point: {plan.attitudes} attitudes (tilts up to "
+        f"{TILT_DEG:g}°, any roll), each at {plan.attitude_shifts} sub-pixel positions × {plan.attitude_draws} draws.{at_target} "
+        "Brackets and bars are exact 95 % intervals. Found means the right identity within a bit of its place. Contrast is "
+        f"varied at {PX_PER_BIT_OF_CNR:g} px/bit by the exposure. OpenCV's ArUco and pupil-apriltags get the same frames "
+        f"stretched to 8 bits, with default settings but no decimation.{others} The time that our detector takes beside "
+        "OpenCV's is measured by `python -m benchmarks detector`."
     )
 
 
 def _clutter_words(result: Result) -> str:
-    camera = middle_of(result.scenario).camera
+    plan, camera = result.plan, result.scenario.camera
     return (
-        f"Frames of {camera.width_px} × {camera.height_px} px, a quarter of the detector's area each. Half of them are rendered "
-        f"({KINDS[0]}: {result.plan.free_renders} faces of other crinkle, material, range, tilt and Sun, with glints, mirrored "
-        "and moved), half drawn; exposures from nearly dark to nearly all saturated. 'Other identities' shows 25 markers of the "
-        "same dictionary a frame: there, naming one is right."
+        f"{plan.free_whole} frames are the whole detector, {camera.width_px} × {camera.height_px} px, {plan.free_quarters} its "
+        "middle quarter, which costs as much less: together the area of "
+        f"{plan.free_whole + plan.free_quarters // QUARTER**2} whole frames. Half of either are rendered ({KINDS[0]}: "
+        f"{plan.free_renders} faces of other crinkle, material, range, tilt and Sun, with glints, mirrored and moved), half "
+        "drawn; exposures from nearly dark to nearly all saturated. 'Other identities' shows 25 markers of the same dictionary "
+        "a frame: there, naming one is right."
     )
 
 

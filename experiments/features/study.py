@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from detector.version import code_version
 from experiments import chain
 from experiments.features import accuracy, calibrations, clutter, detection
 from experiments.features.calibrations import Trial
@@ -40,16 +41,19 @@ class Plan:
     attitudes: int = 10
     attitude_shifts: int = 4
     attitude_draws: int = 5
+    attitudes_at_target: int = 40
     px_per_bit: tuple[float, ...] = detection.PX_PER_BIT
     cnr: tuple[float, ...] = detection.CNR
-    free_frames: int = 10_000
-    free_renders: int = 100
+    free_quarters: int = 9_000
+    free_whole: int = 1_000
+    free_renders: int = 50
     calibrations: bool = True
 
 
 QUICK = Plan(
-    ranges_m=(4.0,), pitches_deg=(20.0,), shifts=3, draws=5, attitudes=2, attitude_shifts=2, attitude_draws=3,
-    px_per_bit=(2.0, 4.0), cnr=(2.0, 5.0), free_frames=40, free_renders=2, calibrations=False,
+    ranges_m=(4.0,), pitches_deg=(20.0,), shifts=3, draws=5, attitudes=1, attitude_shifts=2, attitude_draws=3,
+    px_per_bit=(2.0, 4.0), cnr=(2.0, 5.0), attitudes_at_target=2, free_quarters=20, free_whole=10, free_renders=1,
+    calibrations=False,
 )  # fmt: skip
 
 
@@ -75,9 +79,16 @@ def run(
     tilted = scenario.at(target={**scenario.target.model_dump(), "yaw_deg": YAW_DEG})
     by_range = accuracy.study(tilted, plan.ranges_m, plan.pitches_deg, plan.shifts, plan.draws, workers, progress)
     found = detection.study(
-        scenario, plan.attitudes, plan.attitude_shifts, plan.attitude_draws, plan.px_per_bit, plan.cnr, workers, progress
+        scenario, plan.attitudes, plan.attitude_shifts, plan.attitude_draws, plan.px_per_bit, plan.cnr, workers, progress,
+        plan.attitudes_at_target,
     )  # fmt: skip
-    free = clutter.study(scenario, plan.free_frames, plan.free_renders, workers, progress)
+    free = xr.concat(
+        [
+            clutter.study(scenario, frames, plan.free_renders, workers, progress, cut)
+            for frames, cut in ((plan.free_quarters, clutter.QUARTER), (plan.free_whole, clutter.WHOLE))
+        ],
+        "size_px",
+    )
     trials = _calibrations(scenario) if plan.calibrations else {}
     return Result(scenario, plan, by_range, found, free, trials)
 
@@ -97,7 +108,8 @@ def write(result: Result, out: Path, command: str) -> None:
     (out / "data").mkdir(parents=True, exist_ok=True)
     (out / "figures").mkdir(exist_ok=True)
     merged = xr.merge([result.accuracy, result.detection, result.clutter], combine_attrs="drop_conflicts")
-    write_netcdf(merged.assign_attrs(chain.provenance(result.scenario), history=command), out / "features.nc")
+    made = chain.provenance(result.scenario) | {"detector_code": code_version(), "history": command}
+    write_netcdf(merged.assign_attrs(made), out / "features.nc")
     per_blob = [name for name in result.accuracy if "element" in result.accuracy[name].dims]
     tables = {
         "accuracy": _columns(result.accuracy.drop_vars([*per_blob, "element"])),
@@ -114,7 +126,7 @@ def write(result: Result, out: Path, command: str) -> None:
         write_text(csv_text(rounded), out / "data" / f"features-{name}.csv")
     for name, figure in figures(result.accuracy, result.detection).items():
         save_svg(figure, out / "figures" / f"features-{name}.svg")
-    write_text(page(result, command), out / "features.md")
+    write_text(page(result, command, made), out / "features.md")
 
 
 def _rounded(value: Any) -> Any:
@@ -129,14 +141,15 @@ def _columns(data: xr.Dataset) -> dict[str, Iterable[Any]]:
 
 def _detection_columns(found: xr.Dataset) -> dict[str, Iterable[Any]]:
     """Counts with their interval, one row a family, detector and step of either axis."""
-    rows, frames = [], found.attrs["frames"]
-    for name, axis in (("found_by_size", "px_per_bit"), ("found_by_cnr", "cnr")):
+    rows = []
+    for name, axis in (("size", "px_per_bit"), ("cnr", "cnr")):
+        frames = found[f"frames_by_{name}"].values
         for family in found.family.values:
             for detector in found.detector.values:
-                counts = found[name].sel(family=family, detector=detector)
+                counts = found[f"found_by_{name}"].sel(family=family, detector=detector)
                 low, high = detection.clopper_pearson(counts.values, frames)
-                for at, count, a, b in zip(counts[axis].values, counts.values, low, high, strict=True):
+                for at, n, count, a, b in zip(counts[axis].values, frames, counts.values, low, high, strict=True):
                     if np.isfinite(count):
-                        rows.append((axis, float(at), str(family), str(detector), frames, int(count), a, b))
+                        rows.append((axis, float(at), str(family), str(detector), int(n), int(count), a, b))
     names = ("axis", "value", "family", "detector", "frames", "found", "low95", "high95")
     return dict(zip(names, zip(*rows, strict=True), strict=True))

@@ -122,6 +122,8 @@ def requirements(options: Options, results: Path, require: str | None) -> None:
     """
     from experiments.requirements import study
 
+    if not results.is_dir():
+        raise click.UsageError(f"--results {results}: no such folder; expected one with tables, as docs/data")
     out = options.out or Path("out/requirements")
     command = _command("requirements", options, None, None if results == Path("docs/data") else f"--results {results}")
     page = study.study(options.scenario(None), results, out, command)
@@ -151,4 +153,56 @@ def comparison(options: Options, quick: bool, workers: int | None) -> None:
     _tell(options, page, out)
 
 
-VERBS: tuple[click.Command, ...] = (layout, fov, power, requirements, comparison)
+@click.command()
+@click.option("--quick", is_flag=True, help="Two passes of five stations, and few chessboards: a first look.")
+@click.option("--workers", type=click.IntRange(1), help="Processes that look at the frames; default one a core.")
+@click.option(
+    "--require", type=click.Choice(["found"]), help="Exit status 4 unless every frame in eclipse is found, none wild."
+)
+@shared_options
+def physical(options: Options, quick: bool, workers: int | None, require: str | None) -> None:
+    """The physical experiment of sections 7.1 and 8.2 emulated: arm, calibrated camera, LEDs and halogen spot, all rendered.
+
+    Takes some four minutes in full. Writes report.html, physical.md, physical.nc, data and figures into the folder --out (default
+    out/physical).
+    """
+    from experiments.physical import arm, page
+
+    scenario, out = arm.load(options.overrides, options.seed), options.out or Path("out/physical")
+    announce_variant(options)
+    command = _command("physical", options, None, "--quick" if quick else None)
+    result = with_progress(options, lambda tell: page.study(scenario, out, command, quick, workers, tell))
+    _tell(options, result, out, "camera")
+    if require and not result.passed:
+        raise RequirementNotMet(result.headline)
+
+
+@click.command()
+@click.option(
+    "--results",
+    type=click.Path(path_type=Path),
+    multiple=True,
+    default=(Path("docs/data"),),
+    show_default=True,
+    help="Folder with a study's tables, or a study's own folder; may be given many times, the first that has a table counts.",
+)
+@shared_options
+def risk(options: Options, results: tuple[Path, ...]) -> None:
+    """Failure modes of section 8.3: their rates over the other studies' frames, and their places in the risk matrix.
+
+    Before is the thesis's pipeline, after this project's. Writes report.html, risk.md, risk.nc, data and figures into the folder
+    --out (default out/risk).
+    """
+    from experiments.risk import page
+
+    if options.overrides:
+        raise click.UsageError(
+            "risk: it reads results, so --set has nothing to change; give it to the studies that make them"
+        )
+    out = options.out or Path("out/risk")
+    flags = () if results == (Path("docs/data"),) else tuple(f"--results {folder}" for folder in results)
+    result = page.study(results, out, _command("risk", options, None, *flags))
+    _tell(options, result, out, "places")
+
+
+VERBS: tuple[click.Command, ...] = (layout, fov, power, requirements, comparison, physical, risk)

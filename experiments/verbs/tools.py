@@ -41,17 +41,17 @@ def new(options: Options, source: str | None) -> None:
     beside = options.out.parent / SCHEMA_FILE
     write_text(json.dumps(json_schema(), indent=2) + "\n", beside)
     options.say(
-        f"{options.out}: every key with its default. {beside}: for editors.",
+        f"{options.out}: every key with its default. {beside}: schema for editors.",
         f"Change a line, then: mantis budget {options.out} --quick",
     )
     options.emit({"out": options.out, "schema": beside})
 
 
 @click.command()
-@click.argument("section", metavar="[sensors|lenses|leds|filters|tapes]", required=False)
+@click.argument("section", metavar="[sensors|lenses|leds|filters|markers|tapes]", required=False)
 @shared_options
 def presets(options: Options, section: str | None) -> None:
-    """List the sensors, lenses, LEDs, filters and tapes that a scenario can name; of one section with their sources."""
+    """List the sensors, lenses, LEDs, filters, markers and tapes that a scenario can name; of one section with sources."""
     from rich.text import Text
 
     from experiments.catalogue import SHOWN, catalogue, row, section_of
@@ -99,7 +99,7 @@ def schema(options: Options, what: str) -> None:
 
 @click.group(no_args_is_help=False)
 def sensor() -> None:
-    """Sensor characterisation."""
+    """Characterise the sensor by its own images: EMVA 1288 photon-transfer data set and datasheet."""
 
 
 @sensor.command()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from shutil import rmtree
@@ -201,7 +201,7 @@ def markdown_page(page: StudyPage, plan: Sequence[Run], result: Result) -> str:
     parts = [
         "# The virtual experiment: table 8.1, rendered again",
         f"**{page.headline}**",
-        f"Made by `{page.command}`; every number on this page comes from that run.",
+        f"Made by `{page.command}`; every number on this page comes from that run. {made_with(result.frames.attrs)}",
         "## Found", *(f"- {line}" for line in page.answers),
         "## Printed, reproduced, right",
         "*Reproduced* is the thesis's own pipeline on these frames, *right* this project's.",
@@ -214,6 +214,14 @@ def markdown_page(page: StudyPage, plan: Sequence[Run], result: Result) -> str:
         "Frame by frame: `virtual.nc`, groups `frames`, `summary` and `bounds`.",
     ]  # fmt: skip
     return "\n\n".join(parts).replace("\n\n- ", "\n- ") + "\n"
+
+
+def made_with(attributes: Mapping[str, Any]) -> str:
+    """One sentence: versions and hashes of what made a dataset, from its attributes."""
+    return (
+        f"Software: {attributes['software']} ({attributes['versions']}); scenario {attributes['scenario_hash']}; "
+        f"detector code {attributes['detector_code']}."
+    )
 
 
 def _table(lines: Sequence[Sequence[Any]]) -> str:

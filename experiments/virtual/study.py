@@ -19,6 +19,7 @@ import xarray as xr
 
 from detector.noise import NoiseModel
 from detector.sensor import expose
+from detector.version import code_version as detector_version
 from experiments import chain
 from experiments.scenario import Scenario
 from experiments.virtual.judge import VARIABLES, Truth
@@ -200,5 +201,6 @@ def _dataset(scenario: Scenario, plan: list[Run], results: list[FloatArray]) -> 
         "rotation": ("series", [plan[r].rotation for r, _, _ in series]),
         "range_m": ("series", [plan[r].range_m for r, _, _ in series], {"units": "m"}),
     }
-    attributes = {"title": "Virtual experiment of thesis table 8.1", **chain.provenance(scenario)}
+    made = chain.provenance(scenario) | {"detector_code": detector_version()}
+    attributes = {"title": "Virtual experiment of thesis table 8.1", **made}
     return xr.Dataset(data, coordinates, attributes)

@@ -84,7 +84,11 @@ def test_an_on_off_pair_of_files_is_seen_as_its_difference(
         for name, image in images.items():
             write_png(image, tmp_path / f"{name}.png")
         assert (chain.noise_model(small, images["on"]) is None) == (kind == "stretched")
-        overrides = [part for key in (*lens, "range_m=3", "camera.width_px=160", "camera.height_px=160") for part in ("--set", key)]
+        overrides = [
+            part
+            for key in (*lens, "range_m=3", "camera.width_px=160", "camera.height_px=160")
+            for part in ("--set", key)
+        ]
         status, out, error = mantis("detect", tmp_path / "on.png", "--off", tmp_path / "off.png", "--json", *overrides)
         assert (status, error) == (0, "")
         seen[kind] = json.loads(out)
@@ -92,7 +96,9 @@ def test_an_on_off_pair_of_files_is_seen_as_its_difference(
         np.testing.assert_allclose(seen[kind]["corners_px"], expected["corners_px"], atol=1e-9)
         truth = chain.view(small).to_image(small.marker.corners_m)
         assert np.abs(np.array(seen[kind]["corners_px"]) - truth).max() < (0.5 if distorted else 0.05)
-        assert not np.array_equal(seen[kind]["corners_px"], sighting.as_record(chain.look(camera, images["on"]))["corners_px"])
+        assert not np.array_equal(
+            seen[kind]["corners_px"], sighting.as_record(chain.look(camera, images["on"]))["corners_px"]
+        )
     np.testing.assert_allclose(seen["own"]["corners_px"], seen["stretched"]["corners_px"], atol=0.02)
 
 
