@@ -68,12 +68,11 @@ def confirm(
 
 def _case_scenario(scenario: Scenario, view: ConfirmView, range_m: float, constraints: Constraints) -> Scenario:
     tilt = {"pitch_deg": view.pitch_deg, "yaw_deg": view.yaw_deg}
-    render = {"frame_samples": 1, "marker_rays": min(500_000, scenario.render.marker_rays)}
     return scenario.at(
         range_m=range_m,
         target={**scenario.target.model_dump(), **tilt},
         sun={**scenario.sun.model_dump(), "phase_deg": view.phase_deg},
-        render={**scenario.render.model_dump(), **render},
+        render={**scenario.render.model_dump(), "frame_samples": 1},
         budget={**scenario.budget.model_dump(), "trials": constraints.confirm.trials},
     )
 
