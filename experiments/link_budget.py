@@ -170,7 +170,8 @@ def exposure_s(scenario: Scenario, budget: LinkBudget, exposure: float | str) ->
     rate = budget.signal_rate + scenario.sensor.dark_rate_electrons_per_s
     if np.isnan(rate):
         raise ValueError(
-            f"exposure_s: 'auto' needs a bit in the frame, and none is at {scenario.range_m:g} m; give seconds [s]"
+            f"exposure_s: 'auto' needs a bit in the frame, and none is at {scenario.range_m:g} m; shorten "
+            "camera.focal_length_m, leave the range out, or give seconds [s]"
         )
     longest = min(auto.longest_s, scenario.leds.longest_pulse_s)
     return float(np.clip(charge / rate if rate > 0 else np.inf, min(auto.shortest_s, longest), longest))

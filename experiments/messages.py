@@ -14,7 +14,8 @@ _WORDS = {"a valid tuple": "a list in square brackets", "a valid list": "a list 
 
 def explain(error: ValidationError, root: type[BaseModel]) -> str:
     """One line about the first thing wrong with a model's data, and how many more there are."""
-    first, *rest = error.errors(include_url=False)
+    # A misspelt key is also a missing one: name the misspelling.
+    first, *rest = sorted(error.errors(include_url=False), key=lambda e: e["type"] != "extra_forbidden")
     location = _location(first["loc"])
     key = ".".join(str(part) for part in location) or "scenario"
     others = {tuple(_location(e["loc"])) for e in rest} - {tuple(location)}
@@ -30,6 +31,10 @@ def explain(error: ValidationError, root: type[BaseModel]) -> str:
         some = list(section.model_fields)[:2]
         return f"{key}: {first['input']!r}, expected a section of keys, say {key}.{some[0]} and {key}.{some[1]}{more}"
     about = describe(location, root)
+    if first["type"] == "missing":
+        return f"{key}: missing{f' ({about})' if about else ''}{more}"
+    if first["type"] == "too_short" and first["ctx"]["min_length"] == 1:
+        return f"{key}: {first['input']!r}, expected at least one value{f' ({about})' if about else ''}{more}"
     expected = first["msg"].replace("Input should be", "expected").split(", unable")[0]
     for theirs, ours in _WORDS.items():
         expected = expected.replace(theirs, ours)

@@ -310,7 +310,8 @@ def _find(source: str | Path | None) -> Path:
         return Path(str(files("experiments") / "scenarios" / f"{name}.toml"))
     path = Path(name)
     if not path.is_file():
-        raise ScenarioError(f"{name}: no such scenario file; shipped ones are {', '.join(shipped_scenarios())}")
+        what = "a folder, no scenario file" if path.is_dir() else "no such scenario file"
+        raise ScenarioError(f"{name}: {what}; shipped: {', '.join(shipped_scenarios())}")
     return path
 
 

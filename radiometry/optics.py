@@ -29,9 +29,10 @@ class Camera(BaseModel):
 
     width_px: int = Field(752, ge=16, le=16384, description="columns of the detector")
     height_px: int = Field(580, ge=16, le=16384, description="rows of the detector")
-    pixel_pitch_x_m: Positive = Field(8.6e-6, description="column pitch [m]")
-    pixel_pitch_y_m: Positive = Field(8.3e-6, description="row pitch [m]")
-    focal_length_m: Positive = Field(20.19e-3, description="focal length [m]")
+    # Upper bounds beyond any lens and pixel, below what figures in millimetres and micrometres come to.
+    pixel_pitch_x_m: Positive = Field(8.6e-6, le=1e-3, description="column pitch [m]")
+    pixel_pitch_y_m: Positive = Field(8.3e-6, le=1e-3, description="row pitch [m]")
+    focal_length_m: Positive = Field(20.19e-3, le=10, description="focal length [m]")
     f_number: Positive = Field(2.8, description="focal length over entrance pupil diameter")
     lens_transmission: Fraction = Field(0.35, description="throughput of lens and filter holder, without the filter")
     psf_sigma_px: float = Field(

@@ -96,7 +96,7 @@ class LedRing(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     count: int = Field(100, ge=1, le=100_000, description="number of LEDs that are on")
-    ring_radius_m: Positive = Field(0.05, description="radius of the ring: the baseline LED to lens [m]")
+    ring_radius_m: Positive = Field(0.05, le=25, description="radius of the ring: the baseline LED to lens [m]")
     intensity_w_sr: Positive = Field(3.5, description="radiant intensity of one LED on its axis [W/sr]")
     half_angle_deg: Annotated[float, Field(gt=0, lt=90)] = Field(
         12.0, description="angle from the axis at which intensity has halved [deg]"

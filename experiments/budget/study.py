@@ -67,8 +67,13 @@ def run_budget(
 
     Raises:
         OSError: when a file cannot be written.
+        ValueError: for an automatic exposure where no bit is in the nearest frame.
     """
     plan = scenario.budget
+    if "auto" in plan.exposures_s:
+        # Refused before anything is rendered: the bits leave the frame at the nearest range first.
+        nearest = scenario.at(range_m=plan.ranges_m[0])
+        chain.exposure_s(nearest, chain.link_budget(nearest, plan.lights[0]), "auto")
     steps = [(r, light) for r in plan.ranges_m for light in plan.lights]
     pending: list[tuple[Future[list[Trials]], dict[str, list[float]]]] = []
     with pool(draw, workers) as submit:

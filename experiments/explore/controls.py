@@ -71,7 +71,7 @@ def controls(base: Scenario) -> tuple[Control, ...]:
         _choice(base, "light", "Sun", ("eclipse", "sun"), ("off: eclipse", "on"), base.light, "Light", live=True),
         _slider(base, "sun.phase_deg", "Phase angle, Sun–target–camera", "°", (10, 20, 30, 45, 60, 75, 90, 120, 150), "Light"),
         Control(
-            "drive", "LED current, of the scenario's", "×", "slider", tuple(drives), tuple(f"× {v:g}" for v in drives), 1.0, True,
+            "drive", "LED current, the scenario's", "×", "slider", tuple(drives), tuple(f"× {v:g}" for v in drives), 1.0, True,
             "Light", "Intensity and electrical power in proportion to the current; droop is left out",
         ),
         _slider(base, "leds.count", "LEDs", "", (10, 20, 50, 100, 200), "Light"),

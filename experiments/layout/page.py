@@ -68,7 +68,7 @@ def footprint_rows(scenario: Scenario, faces_m: tuple[float, ...]) -> list[tuple
             six, seven, fourteen = ("met" if rule else "not met" for rule in rules)
             largest = max(p.design.size_m for p in lay.placed)
             rows.append(
-                (name, f"{face_m:g}", str(len(lay.placed)), f"{largest:g}", f"{100 * lay.side_share:.3g}", six,
+                (name, f"{face_m:g}", str(len(lay.placed)), f"{largest:.3g}", f"{100 * lay.side_share:.3g}", six,
                  f"{lay.area_m2:.3g}", f"{100 * lay.area_share:.3g}", seven, f"{thick:.3g}", fourteen)
             )  # fmt: skip
     return rows
@@ -107,13 +107,17 @@ def pose_rows(rendered: xr.Dataset) -> list[tuple[str, ...]]:
             one, every = medians["attitude_deg"]
             every_at = at.sel(solver="all markers")
             square = (every_at.attitude_deg**2).mean() / (every_at.attitude_predicted_deg**2).mean()
-            millimetres = [f"{1e3 * v:.3g}" for key in ("range_error_m", "lateral_error_m") for v in medians[key]]
+            millimetres = [_number(1e3 * v) for key in ("range_error_m", "lateral_error_m") for v in medians[key]]
             rows.append(
                 (name, f"{range_m:g}", str(at.sizes["frame"]), f"{float(at.usable.mean()):.2g}", f"{float(at.found.mean()):.2g}",
-                 str(int(solved.sum())), f"{one:.3g}", f"{every:.3g}", f"×{one / every:.2g}" if every > 0 else "–", *millimetres,
-                 f"{float(np.sqrt(square)):.2f}")
+                 str(int(solved.sum())), _number(one), _number(every), f"×{one / every:.2g}" if every > 0 else "–", *millimetres,
+                 _number(float(np.sqrt(square))))
             )  # fmt: skip
     return rows
+
+
+def _number(value: float) -> str:
+    return f"{value:.3g}" if np.isfinite(value) else "–"
 
 
 def _always_usable_m(counts: xr.Dataset, name: str, face_m: float) -> str:

@@ -24,6 +24,8 @@ import xarray as xr
 from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
+from experiments.messages import explain
+
 FloatArray = NDArray[np.float64]
 MODES = ("ideal", "distributive")
 
@@ -114,9 +116,7 @@ def load_problem(path: Path) -> DecisionProblem:
     try:
         return DecisionProblem(**data)
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"]) or "file"
-        raise ValueError(f"{path}: {where}: {first['msg'].removeprefix('Value error, ')}") from None
+        raise ValueError(f"{path}: {explain(error, DecisionProblem)}") from None
 
 
 def priorities(comparison: list[list[float]] | FloatArray) -> tuple[FloatArray, float]:

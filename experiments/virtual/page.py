@@ -186,7 +186,7 @@ def how(scenario: Scenario, plan: Sequence[Run]) -> list[str]:
         + ", ".join(f"{b:.1f} px/bit at {r:g} m" for r, b in bits.items())
         + ". Tags 'of the same outer size' have a black border of 25 mm, and their quiet zone outside of it.",
         "The thesis prints a detector of 4.512 × 4.988 mm, which is no 3 : 2; pixels here are square, 7.4° across.",
-        "Combined rotation is walked through in the same steps of 0.1°, 701 frames; the thesis's text has steps of 1°.",
+        "Combined rotation is walked through in the same steps as single ones; the thesis's text has steps of 1°.",
         "The space around the target is dark. The protrusion is idealised: its dots are found about their true places and never "
         "mistaken, and its post is as high as the virtual points lie deep.",
         f"Targets for Mantis: pitch rms {PITCH_TARGET_DEG[3.3]:g}° at 2.3 and 3.3 m, {PITCH_TARGET_DEG[1.3]:g}° at 1.3 m, range "
@@ -200,6 +200,10 @@ def markdown_page(page: StudyPage, plan: Sequence[Run], result: Result) -> str:
     pictures = [f"![{CAPTIONS[k]}](figures/virtual-{k}.svg)\n\n*{CAPTIONS[k]}.*" for k in page.plots]
     parts = [
         "# The virtual experiment: table 8.1, rendered again",
+        "How well does a camera know the attitude and range of a marker that turns before it? The thesis's nine tests (its table 8.1) "
+        "on rendered frames: the Mantis Marker beside an ArUco of the same outer size, an AprilTag and a true protrusion, each "
+        "by the thesis's pipeline and by this project's. An *outlier* is off by more than 10° or 5 % of the range; *IPPE* gives "
+        "the two poses that a flat square's corners allow.",
         f"**{page.headline}**",
         f"Made by `{page.command}`; every number on this page comes from that run. {made_with(result.frames.attrs)}",
         "## Found", *(f"- {line}" for line in page.answers),

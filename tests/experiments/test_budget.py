@@ -151,6 +151,13 @@ def test_progress_counts_up_to_all_cases(tiny: Scenario) -> None:
     assert all(done <= total == 1 for done, total in seen)
 
 
+def test_a_marker_beyond_the_nearest_frame_is_refused_before_rendering(tiny: Scenario, tmp_path: Path) -> None:
+    plan = {"ranges_m": (0.05, 4.0), "lights": ("eclipse",), "exposures_s": ("auto",), "trials": 2}
+    with pytest.raises(ValueError, match=r"none is at 0\.05 m; shorten camera\.focal_length_m"):
+        budget.run_budget(tiny.at(budget=plan), tmp_path / "out", workers=1)
+    assert not list(tmp_path.iterdir())
+
+
 def test_an_interrupt_leaves_whole_files_only(
     mantis: Mantis, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, small_basis: TransportBasis
 ) -> None:

@@ -11,7 +11,7 @@ from radiometry.optics import Camera
 from scenes.marker import MarkerDesign
 
 FAR_M = 2000.0  # weak perspective
-CAMERA = Camera(focal_length_m=20.0)
+CAMERA = Camera(focal_length_m=10.0)
 
 
 @pytest.mark.parametrize("pitch_deg", [0.0, 20.0, 45.0])

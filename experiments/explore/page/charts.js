@@ -99,7 +99,7 @@ function ellipseChart(ellipse, quantity, unit) {
   const width = 180, height = 200, svg = canvas(width, height, `95 % ellipse of ${quantity} in ${unit}; the truth lies ${ellipse.inside ? "inside" : "outside"}`);
   const reach = 1.25 * Math.max(ellipse.half[0], Math.hypot(...ellipse.truth), 1e-9);
   const step = 10 ** Math.floor(Math.log10(reach)), stop = [5, 2, 1].map((f) => f * step).find((s) => s <= reach);
-  const box = { left: 52, right: width - 6, top: 8, bottom: height - 58 };
+  const box = { left: 58, right: width - 14, top: 8, bottom: height - 58 };
   const label = (name) => `${quantity} ${name} [${unit}]`;
   const show = (v) => Number(v.toPrecision(1));
   const scale = (box.right - box.left) / (2 * reach), cx = (box.left + box.right) / 2, cy = (box.top + box.bottom) / 2;
