@@ -17,15 +17,18 @@ from experiments.files import write_netcdf, write_text
 from experiments.glare import case as glare_case
 from experiments.glare import conditions
 from experiments.glare import figures as glare_figures
+from experiments.glare.failures import failure_rows
 from experiments.glare.gallery import Worst, worst_frames
 from experiments.glare.modes import MODES
 from experiments.glare.study import FULL, QUICK, Plan, Progress, false_positives, run
 from experiments.glare.tables import (
     HEADINGS,
+    SHORTFALL_HEADINGS,
     TARGET_PHASES_DEG,
     in_target,
     markdown,
     mode_rows,
+    shortfall_rows,
     summarise,
     title,
     verdicts,
@@ -118,10 +121,12 @@ CAPTIONS = {
 
 
 def write(result: GlareResult, out: Path, command: str) -> None:
-    """Write report.html, glare.md, glare.nc, data/glare.csv and figures/glare-*.svg into a folder."""
+    """Write report.html, glare.md, glare.nc, data/glare*.csv and figures/glare-*.svg into a folder."""
     write_netcdf(result.dataset, out / "glare.nc")
     frame = result.summary.drop_vars("px_per_bit").to_dataframe().reset_index()
     write_text(csv_text({c: [_plain(v) for v in frame[c]] for c in frame}), out / "data" / "glare.csv")
+    head, *rows = failure_rows(result.dataset, result.scenario, result.plan.stands)
+    write_text(csv_text(dict(zip(head, zip(*rows, strict=True), strict=True))), out / "data" / "glare-failures.csv")
     plots = figures(result)
     for name, plot in plots.items():
         save_svg(plot, out / "figures" / f"{name}.svg")
@@ -142,10 +147,13 @@ def headline(result: GlareResult) -> str:
     if met:
         return (
             f"With the on/off pair the marker is found and its pose within the requirement at every range and phase angle "
-            f"walked through from {low:g}° to {high:g}°, and found in at least "
-            f"{100 * float(cells.detection.min()):.1f} % of the frames of each."
+            f"walked through from {low:g}° to {high:g}°, and found in {_share(float(cells.detection.min()))} of each."
         )
     return f"The on/off pair meets the requirement in {good} of {total} cells of range and phase from {low:g}° to {high:g}°."
+
+
+def _share(least: float) -> str:
+    return "every frame" if least == 1 else f"at least {100 * least:.1f} % of the frames"
 
 
 def findings(result: GlareResult) -> list[str]:
@@ -170,10 +178,6 @@ def findings(result: GlareResult) -> list[str]:
                 f"{float(here.attitude_p95_deg.max()):.2f}°, blobs biased by up to {float(here.blob_bias_px.max()):.2f} px, "
                 f"{int(here.meets.sum())} of {here.meets.size} cells meet the requirement."
             )
-    for mode in summary.mode.values:
-        _, failures = verdicts(summary, str(mode))
-        if failures:
-            lines.append(f"{mode} fails: {'; '.join(failures)}.")
     return lines
 
 
@@ -228,6 +232,11 @@ def how(result: GlareResult) -> list[str]:
     ]
 
 
+QUESTION = (
+    "Where may the Sun stand so that the marker is still found and its pose good, and which counter-measure helps? The *phase* "
+    "is the angle between Sun and camera seen from the target: 0° is a Sun behind the camera, 150° nearly in front of it."
+)
+
 #: What this version leaves out.
 MISSING = (
     "smear within an exposure (0.05 m/s over a pulse of microseconds is far below a pixel; over 1 ms 0.06 px at 2 m)",
@@ -236,8 +245,6 @@ MISSING = (
     "light reflected twice: 0.7 % of the Sun's at most",
     "a shutter that lets light in while closed (parasitic light sensitivity), which matters for microsecond exposures",
     "real cameras' shortest exposures, except in the modes with a fixed shutter",
-    "a detector that knows uneven tape: below 5° the tape returns the Sun several times brighter at one side of the marker, and "
-    "a fit with one brightness refuses such frames; that is a limit of the detector, not of the light",
     "the spread between geometries: intervals count every frame as independent, though a geometry's frames differ in noise alone",
 )
 
@@ -246,12 +253,14 @@ def page(result: GlareResult, command: str) -> str:
     """The study as Markdown, for a folder with `figures` beside it."""
     modes = [(name, title(name)) for name in result.plan.modes]
     parts = [
-        "# Sun glare: where the Sun may stand", f"Made by `{command}`; every number on this page comes from that run.",
+        "# Sun glare: where the Sun may stand", QUESTION,
+        f"Made by `{command}`; every number on this page comes from that run.",
+        "## Modes", markdown(("mode", "what it is"), modes),
         "## Found", *(f"- {line}" for line in findings(result)),
         "## The thesis's finding (section 8.2), reproduced and resolved", *(f"- {line}" for line in dimmed_findings(result.case)),
         _image("glare-dimmed"),
-        "## Modes", markdown(("mode", "what it is"), modes),
-        "Each row gives the worst phase angle of its group.", markdown(HEADINGS, mode_rows(result.summary)),
+        "## Where a mode falls short", markdown(SHORTFALL_HEADINGS, shortfall_rows(result.summary)),
+        "## Mode by mode", "Each row gives the worst phase angle of its group.", markdown(HEADINGS, mode_rows(result.summary)),
         "## Maps", _image("glare-detection"), _image("glare-pose"), _image("glare-phase"),
         "## Other surroundings, lens and sensor", condition_words(result.conditions),
         markdown(conditions.HEADINGS, conditions.rows(result.conditions, result.scenario)),
@@ -304,11 +313,17 @@ def html(result: GlareResult, command: str, plots: dict[str, Plot]) -> str:
     kinds = Table(
         ("mode", "what it is"), tuple((Cell(n), Cell(title(n), style="left")) for n in result.plan.modes), "Modes"
     )
+    short = Table(
+        SHORTFALL_HEADINGS,
+        tuple(tuple(Cell(c, style="left") for c in row) for row in shortfall_rows(result.summary)),
+        "Where a mode falls short",
+        sortable=True,
+    )
     sections = (
-        Section("found", "Found", (Bullets(tuple(findings(result))),)),
+        Section("found", "Found", (Text((QUESTION.replace("*", ""),)), kinds, Bullets(tuple(findings(result))), short)),
         Section("thesis", "The thesis’s finding, reproduced and resolved", (dimmed, drawn("glare-dimmed"))),
         Section("maps", "Where the Sun may stand", (drawn("glare-detection"), drawn("glare-pose"), drawn("glare-phase"))),
-        Section("modes", "Mode by mode", (kinds, table)),
+        Section("modes", "Mode by mode", (table,)),
         Section("conditions", "Other surroundings, lens and sensor", (Text((condition_words(result.conditions),)), changed)),
         Section("gallery", "Worst frames", (_strip(result),)),
         Section("whole", "False positives", (whole,)),

@@ -78,6 +78,7 @@ VARIABLES = {
     "range_error": ("1", "range error over range"),
     "corner_error_x_px": ("pixel", "mean error of the corners along x"),
     "corner_error_y_px": ("pixel", "mean error of the corners along y"),
+    "corner_error_max_px": ("pixel", "largest distance of a corner from its place"),
     "saturated_fraction": ("1", "share of bright-bit pixels that saturate in the frame with LEDs"),
     "cnr": ("1", "expected contrast-to-noise ratio of a bit; missing where bits saturate"),
     "pulse_s": ("s", "LED pulse"),
@@ -122,6 +123,7 @@ class Truth:
         return {
             "detected": 1.0, "false_positive": 0.0, "attitude_error_deg": float(np.degrees(attitude)), "range_error": distance,
             "corner_error_x_px": float(x), "corner_error_y_px": float(y),
+            "corner_error_max_px": float(np.linalg.norm(error, axis=1).max()),
         }  # fmt: skip
 
     def blob_errors(self, features: Features) -> FloatArray:

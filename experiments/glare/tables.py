@@ -120,14 +120,26 @@ def in_target(summary: xr.Dataset) -> xr.Dataset:
 
 def verdicts(summary: xr.Dataset, mode: str) -> tuple[bool, list[str]]:
     """Whether a mode meets the requirement at every range and phase of the target, and what fails where, at any phase."""
-    cells = summary.sel(mode=mode)
-    failures = []
+    lines = [f"{range_m}, phase {phases}: {limit}" for range_m, phases, limit in _shortfalls(summary, mode)]
+    return bool(in_target(summary.sel(mode=mode)).meets.all()), lines
+
+
+SHORTFALL_HEADINGS = ("mode", "range", "phase", "what stands in the way")
+
+
+def shortfall_rows(summary: xr.Dataset) -> list[tuple[str, ...]]:
+    """One row for every mode, range and reason for which it does not meet the requirement, at any phase."""
+    return [(str(mode), *row) for mode in summary.mode.values for row in _shortfalls(summary, str(mode))]
+
+
+def _shortfalls(summary: xr.Dataset, mode: str) -> list[tuple[str, str, str]]:
+    cells, rows = summary.sel(mode=mode), []
     for range_m in cells.range_m.values:
         here = cells.sel(range_m=range_m)
         for limit in dict.fromkeys(str(text) for text in here.limit.values if text):
             phases = ", ".join(f"{p:g}°" for p in here.phase_deg.values[here.limit.values == limit])
-            failures.append(f"{range_m:g} m, phase {phases}: {limit}")
-    return bool(in_target(cells).meets.all()), failures
+            rows.append((f"{range_m:g} m", phases, limit))
+    return rows
 
 
 #: Columns that fit a terminal.

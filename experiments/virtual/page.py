@@ -202,8 +202,8 @@ def markdown_page(page: StudyPage, plan: Sequence[Run], result: Result) -> str:
         "# The virtual experiment: table 8.1, rendered again",
         "How well does a camera know the attitude and range of a marker that turns before it? The thesis's nine tests (its table "
         "8.1) on rendered frames: the Mantis Marker beside an ArUco of the same outer size, an AprilTag and a true protrusion, "
-        "each by the thesis's pipeline and by this project's. An *outlier* is off by more than 10° or 5 % of the range; *IPPE* gives "
-        "the two poses that a flat square's corners allow.",
+        "each by the thesis's pipeline and by this project's. An *outlier* is off by more than 10° or 5 % of the range; *IPPE* "
+        "gives the two poses that a flat square's corners allow.",
         f"**{page.headline}**",
         f"Made by `{page.command}`; every number on this page comes from that run. {made_with(result.frames.attrs)}",
         "## Found", *(f"- {line}" for line in page.answers),

@@ -244,7 +244,7 @@ def test_report_is_written_with_its_figures(small_run: xr.Dataset, small: Scenar
     )  # fmt: skip
     glare_report.write(result, tmp_path, "mantis glare")
     written = {str(p.relative_to(tmp_path)) for p in tmp_path.rglob("*") if p.is_file()}
-    assert written == {"glare.nc", "glare.md", "report.html", "data/glare.csv"} | {
+    assert written == {"glare.nc", "glare.md", "report.html", "data/glare.csv", "data/glare-failures.csv"} | {
         f"figures/{name}.svg" for name in glare_report.CAPTIONS
     }
     page = (tmp_path / "report.html").read_text()
