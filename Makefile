@@ -45,6 +45,8 @@ quick: setup
 	.venv/bin/mantis requirements --out out/quick/requirements
 	.venv/bin/mantis virtual --quick --require targets --out out/quick/virtual
 	.venv/bin/mantis features --quick --out out/quick/features
+	.venv/bin/mantis physical --quick --require found --out out/quick/physical
+	.venv/bin/mantis risk --out out/quick/risk
 
 # The documentation as a site, out/site/index.html; warnings are errors. It runs the notebook.
 docs: .venv/.docs-ready

@@ -83,7 +83,7 @@ class Decoder:
         )
         # What noise adds to the variance is no fault of the match; it never is all of it.
         power = max(power - grain, 0.1 * power)
-        if power <= 0:
+        if power <= 0 or not np.trace(normal) > 0:  # no reading differs from another, or none is of a cell
             return None
         own = self._correlations(self.own_templates, normal, match, power).max()
         if own < MIN_CORRELATION and self._ceiling(normal, match, power) < MIN_OTHER:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import sys
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -122,9 +123,11 @@ def announce_variant(options: Options) -> None:
 
 
 def with_progress(options: Options, work: Any) -> Any:
-    """Run `work(progress)` under a bar on a terminal, silently elsewhere."""
-    if not options.interactive:
+    """Run `work(progress)` under a bar on a terminal; elsewhere with a line on standard error now and then."""
+    if options.quiet or options.json:
         return work(None)
+    if not options.interactive:
+        return work(_lines())
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -134,12 +137,30 @@ def with_progress(options: Options, work: Any) -> Any:
         return work(lambda done, total, label: bar.update(task, completed=done, total=total, description=label))
 
 
+#: Seconds between two lines of progress where there is no terminal.
+_LINE_EVERY_S = 15.0
+
+
+def _lines() -> Callable[[int, int, str], None]:
+    """Progress for logs and pipes, which a bar would fill."""
+    told = time.monotonic()
+
+    def tell(done: int, total: int, label: str) -> None:
+        nonlocal told
+        if time.monotonic() - told >= _LINE_EVERY_S:
+            told = time.monotonic()
+            click.echo(f"mantis: {label}, {done} of {total} done", err=True)
+
+    return tell
+
+
 #: Verbs by what they are for, in the order of the help text; those not named here follow under a heading of their own.
 _GROUPS = {
     "Begin": ("doctor", "new", "presets", "budget", "explore"),
     "The chain by files": ("render", "expose", "detect", "calibrate", "marker", "materials", "sensor", "schema"),
     "Studies": ("close", "glare", "validate", "features", "virtual", "sweep", "plot", "cache"),
-    "The thesis, recomputed": ("errata", "montecarlo", "tradeoff", "fov", "layout", "power", "comparison", "requirements"),
+    "The thesis, recomputed": ("errata", "montecarlo", "tradeoff", "fov", "layout", "power", "comparison", "requirements",
+                             "physical", "risk"),
 }  # fmt: skip
 
 

@@ -82,6 +82,8 @@ _STUDIES = (
     "thesis-errata",
     "validation",
     "virtual",
+    "physical",
+    "risk",
     "features",
     "materials",
     "montecarlo",
@@ -119,8 +121,10 @@ def python_package(_: Path, package: str) -> str:
     folder = Path(str(files(package)))
     names = sorted(path.stem for path in folder.glob("*.py") if path.stem not in ("__init__", "api"))
     names += sorted(f"{path.parent.name}.study" for path in folder.glob("*/study.py"))
+    # What a module hands on from another is described there alone, so that a reference finds one.
+    own = "   :ignore-module-all:\n"
     return "\n".join(
-        f"## `{package}.{name}`\n\n```{{eval-rst}}\n.. automodule:: {package}.{name}\n   :members:\n```\n"
+        f"## `{package}.{name}`\n\n```{{eval-rst}}\n.. automodule:: {package}.{name}\n   :members:\n{own}```\n"
         for name in names
     )
 

@@ -154,7 +154,7 @@ def comparison(options: Options, quick: bool, workers: int | None) -> None:
 
 
 @click.command()
-@click.option("--quick", is_flag=True, help="Two passes of five stations, and few chessboards: a first look.")
+@click.option("--quick", is_flag=True, help="Two passes of three stations, and few chessboards: a first look.")
 @click.option("--workers", type=click.IntRange(1), help="Processes that look at the frames; default one a core.")
 @click.option(
     "--require", type=click.Choice(["found"]), help="Exit status 4 unless every frame in eclipse is found, none wild."
@@ -163,8 +163,8 @@ def comparison(options: Options, quick: bool, workers: int | None) -> None:
 def physical(options: Options, quick: bool, workers: int | None, require: str | None) -> None:
     """The physical experiment of sections 7.1 and 8.2 emulated: arm, calibrated camera, LEDs and halogen spot, all rendered.
 
-    Takes some four minutes in full. Writes report.html, physical.md, physical.nc, data and figures into the folder --out (default
-    out/physical).
+    Takes some three minutes in full on two idle cores. Writes report.html, physical.md, physical.nc, data and figures into the
+    folder --out (default out/physical).
     """
     from experiments.physical import arm, page
 

@@ -16,6 +16,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from synthetic import NOISE, electrons, expose, foil, pose_at, range_for
 
+from detector.decode import decoder_of
 from detector.features import Features, detect_features
 from detector.noise import NoiseModel, estimate_noise
 from detector.pattern import Pattern, homography, kernel_sigma_px
@@ -389,3 +390,10 @@ def test_the_field_of_view_is_covered_by_one_element_or_the_other():
         f = detect_features(expose(mean, np.random.default_rng(19)), MARKER, MEDIUM, NOISE)
         assert f.blobs_px[name] is not None
         assert f.virtual_points_px
+
+
+def test_a_quadrilateral_without_a_reading_of_a_cell_is_no_marker():
+    """Concave, and partly outside the image: all its readings lie on the border, and nothing can be solved for the cells."""
+    image = np.random.default_rng(0).normal(500, 10, (300, 300))
+    quadrilateral = np.array([[170.428, 180.268], [131.361, 199.478], [148.093, 115.910], [307.427, 81.745]])
+    assert decoder_of(MARKER).decode(image, quadrilateral, 0.6, NOISE) is None

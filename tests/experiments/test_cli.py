@@ -124,7 +124,11 @@ MISTAKES: list[tuple[tuple[str, ...], str]] = [
     (set_("filter.edge_nm=nan"), "filter.edge_nm: nan, expected"),
     (set_("render.wavelength_nodes=5"), "render.wavelength_nodes: 5, expected a multiple of 4"),
     (set_("budget.ranges_m=[2, 1]"), "ranges_m: must increase"),
-    (set_("budget.ranges_m=[]"), "budget.ranges_m: []"),
+    (set_("budget.ranges_m=[]"), "budget.ranges_m: [], expected at least one value (ranges [m]"),
+    # millimetres and micrometres for metres
+    (set_("camera.focal_length_m=35"), "camera.focal_length_m: 35, expected less than or equal to 10 (focal length [m])"),
+    (set_("camera.pixel_pitch_x_m=3.45"), "camera.pixel_pitch_x_m: 3.45, expected less than or equal to 0.001"),
+    (set_("leds.ring_radius_m=50"), "leds.ring_radius_m: 50, expected less than or equal to 25"),
     (set_('budget.lights=["dusk"]'), "'dusk', expected 'eclipse' or 'sun'"),
     (set_("sensor.quantum_efficiency=2"), "sensor.quantum_efficiency: 2, expected"),
     (set_("sensor.quantum_efficiency=[[800, 0.3], [700, 0.3]]"), "wavelengths [nm] must increase"),
@@ -140,8 +144,8 @@ MISTAKES: list[tuple[tuple[str, ...], str]] = [
     (("render", "small.toml", "-o", "new.exr", "--set", "filter.low_nm=850", "--set", "filter.high_nm=851"), "too narrow"),
     (set_("sensor.offset_dn=5000"), "offset_dn 5000: must be below the largest number, 4095 DN"),
     # scenario files
-    (("render", "none.toml", "-o", "new.exr"), "none.toml: no such scenario file; shipped ones are"),
-    (("render", "folder", "-o", "new.exr"), "folder: no such scenario file"),
+    (("render", "none.toml", "-o", "new.exr"), "none.toml: no such scenario file; shipped: default"),
+    (("render", "folder", "-o", "new.exr"), "folder: a folder, no scenario file"),
     (("render", "broken.toml", "-o", "new.exr"), "broken.toml: not a TOML file (Invalid value (at line 1"),
     (("render", "binary.toml", "-o", "new.exr"), "binary.toml: not a TOML file"),
     (("render", "twice.toml", "-o", "new.exr"), "twice.toml: not a TOML file"),
@@ -196,6 +200,8 @@ MISTAKES: list[tuple[tuple[str, ...], str]] = [
     ((*DETECT, "--off", "none.png"), "none.png: no such file"),
     ((*DETECT, "--off", "size.png"), "off: 64×48 px of"),
     # the other verbs' files
+    (("requirements", "--results", "none", "-o", "new"), "--results none: no such folder"),
+    (("close", "flat.toml", "--no-render", "-o", "new"), "leds: unknown key"),
     (("sweep", "none.toml", "-o", "new.nc"), "none.toml"),
     (("sweep", "broken.toml", "-o", "new.nc"), "broken.toml"),
     (("sweep", "small.toml", "-o", "new.nc"), "small.toml"),
