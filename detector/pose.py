@@ -8,7 +8,7 @@ corners of a small frontal square depend on it in second.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import gammaincc
@@ -26,6 +26,10 @@ DISTINCT_RAD = np.radians(5.0)
 AMBIGUOUS_CHI2 = 9.0
 #: A residual chi-square less probable than this, if the noise model held, widens the covariance.
 UNLIKELY = 0.01
+#: One less probable than this is a contradiction of blobs and corners, no bad luck nor a deviation told a little too small.
+CONTRADICTION = 1e-6
+#: Passes in which deviations of blobs that contradict corners are widened: each takes most of what is left.
+WIDENINGS = 6
 
 
 @dataclass(frozen=True)
@@ -51,9 +55,47 @@ def solve_pose(features: Features, marker: MarkerDesign, camera: Camera) -> Pose
     if features.corners_px is None or features.corners_covariance_px2 is None:
         return None
     problem = problem_of([(features, marker, np.zeros(3))], camera)
+    pose = _from_first(problem, marker)
+    if pose is None or not len(problem.blobs_px) or _probability(pose, problem) > CONTRADICTION:
+        return pose
+    return _with_wider_blobs(problem, marker, pose)
+
+
+def _from_first(problem: Problem, marker: MarkerDesign) -> Pose | None:
     rotations, translations = np.empty((2, 3, 3)), np.empty((2, 3))
     first_poses(problem, marker.aruco_m / 2, rotations, translations)
     return best_pose(problem, rotations, translations)
+
+
+def _probability(pose: Pose, problem: Problem) -> float:
+    """Of a residual at least as large, if the noise model held."""
+    freedom = problem.measurements - 6
+    return float(gammaincc(freedom / 2, pose.residual * freedom / 2))
+
+
+def _with_wider_blobs(problem: Problem, marker: MarkerDesign, pose: Pose) -> Pose | None:
+    """The pose where blobs contradict corners that agree among themselves: the blobs' deviations widened until they fit.
+
+    A light beside the camera, a lamp or the Sun, shines into the slits from aside and moves the blobs, and nothing in their own
+    light tells; it cannot move corners. Where the corners alone do not fit, the fault is not the blobs' and the pose stays.
+    """
+    none = np.empty((0, 3))
+    corners = problem._replace(
+        blobs_px=np.empty((0, 2)), blob_sigma_px=np.empty(0), place_m=none, element_m=none, along=none,
+        virtual_m=np.empty((0, 2)),
+    )  # fmt: skip
+    alone = _from_first(corners, marker)
+    if alone is None or _probability(alone, corners) < CONTRADICTION:
+        return pose
+    for _ in range(WIDENINGS):
+        problem = problem._replace(blob_sigma_px=problem.blob_sigma_px * np.sqrt(pose.residual))
+        wider = _from_first(problem, marker)
+        if wider is None:
+            return pose
+        pose = wider
+        if _probability(pose, problem) > UNLIKELY:
+            break
+    return pose
 
 
 def problem_of(found: Sequence[tuple[Features, MarkerDesign, FloatArray]], camera: Camera) -> Problem:
@@ -96,13 +138,11 @@ def best_pose(problem: Problem, rotations: FloatArray, translations: FloatArray)
     covariance = np.empty((6, 6))
     if not invert_scaled(jacobian.T @ jacobian, covariance):
         return None
-    freedom = problem.measurements - 6
-    reduced = float(cost[best] / freedom)
-    if gammaincc(freedom / 2, cost[best] / 2) < UNLIKELY:
-        covariance = covariance * reduced
+    reduced = float(cost[best] / (problem.measurements - 6))
     rivals = [k for k in keep[1:] if cost[k] - cost[best] < AMBIGUOUS_CHI2]
     ambiguous = any(rotation_angle(rotations[k], rotations[best]) > DISTINCT_RAD for k in rivals)
-    return Pose(rotations[best], translations[best], (covariance + covariance.T) / 2, reduced, ambiguous)
+    pose = Pose(rotations[best], translations[best], (covariance + covariance.T) / 2, reduced, ambiguous)
+    return replace(pose, covariance=pose.covariance * reduced) if _probability(pose, problem) < UNLIKELY else pose
 
 
 def _joint_covariance(features: Features) -> FloatArray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 
@@ -193,3 +194,29 @@ def test_a_frontal_marker_has_one_attitude_at_every_range(range_m):
         assert np.degrees(rotation_angle(found.rotation, rotation)) < (0.2 if range_m < 5 else 1.0)
         assert np.linalg.norm(found.translation_m) == pytest.approx(np.linalg.norm(translation), rel=3e-3)
         assert np.all(np.linalg.eigvalsh(found.covariance) > 0)
+
+
+def test_blobs_that_contradict_the_corners_give_way() -> None:
+    """Near by, a tilted square's corners know the attitude to 0.1 deg; blobs 1 px off would turn it by degrees."""
+    rotation, translation = pose_at(1.0, 25.0, -20.0, 30.0)
+    seen = features(rotation, translation, ELEMENT_NAMES, rng=np.random.default_rng(5))
+    moved = {n: at + np.array([1.0, 1.0]) for n, at in seen.blobs_px.items() if at is not None}
+    pose = solve_pose(replace(seen, blobs_px=moved), MARKER, CAMERA)
+    assert pose is not None
+    assert np.degrees(rotation_angle(pose.rotation, rotation)) < 0.3
+    error = error_vector(pose.rotation, pose.translation_m, rotation, translation)
+    assert error @ np.linalg.solve(pose.covariance, error) < chi2.isf(1e-4, 6)
+
+
+def test_corners_that_do_not_fit_by_themselves_leave_the_blobs_their_weight() -> None:
+    """One corner half a pixel off, seen squarely: the blobs still hold the attitude, which the corners alone would lose."""
+    rotation, translation = pose_at(5.0, 0.0, 0.0, 10.0)
+    seen = features(rotation, translation, ELEMENT_NAMES)
+    assert seen.corners_px is not None
+    wrong = seen.corners_px + np.array([[0.5, 0.0], [0, 0], [0, 0], [0, 0]])
+    pose = solve_pose(replace(seen, corners_px=wrong), MARKER, CAMERA)
+    alone = solve_pose(replace(seen, corners_px=wrong, blobs_px={}), MARKER, CAMERA)
+    assert pose is not None
+    assert alone is not None
+    by_both, by_corners = (np.degrees(rotation_angle(p.rotation, rotation)) for p in (pose, alone))
+    assert by_both < 0.2 * by_corners
