@@ -28,6 +28,9 @@ AMBIGUOUS_CHI2 = 9.0
 UNLIKELY = 0.01
 #: One less probable than this is a contradiction of blobs and corners, no bad luck nor a deviation told a little too small.
 CONTRADICTION = 1e-6
+#: What the corners' model may miss under heavy defocus or uneven light: their deviation is widened by so much first [px].
+#: Assumption; in focus and even light corners are biased by less than 0.01 px.
+CORNER_DOUBT_PX = 0.05
 #: Passes in which deviations of blobs that contradict corners are widened: each takes most of what is left.
 WIDENINGS = 6
 
@@ -74,7 +77,7 @@ def _probability(pose: Pose, problem: Problem) -> float:
 
 
 def _with_wider_blobs(problem: Problem, marker: MarkerDesign, pose: Pose) -> Pose | None:
-    """The pose where blobs contradict corners that agree among themselves: the blobs' deviations widened until they fit.
+    """The pose where blobs contradict corners: the corners' deviations widened by what their model may miss, then the blobs'.
 
     A light beside the camera, a lamp or the Sun, shines into the slits from aside and moves the blobs, and nothing in their own
     light tells; it cannot move corners. Where the corners alone do not fit, the fault is not the blobs' and the pose stays.
@@ -85,8 +88,15 @@ def _with_wider_blobs(problem: Problem, marker: MarkerDesign, pose: Pose) -> Pos
         virtual_m=np.empty((0, 2)),
     )  # fmt: skip
     alone = _from_first(corners, marker)
-    if alone is None or _probability(alone, corners) < CONTRADICTION:
+    if alone is None or _probability(alone, corners) < UNLIKELY:
         return pose
+    problem = problem._replace(whiten=_widened(problem.whiten, CORNER_DOUBT_PX))
+    doubted = _from_first(problem, marker)
+    if doubted is None:
+        return pose
+    if _probability(doubted, problem) > UNLIKELY:
+        return doubted
+    pose = doubted
     for _ in range(WIDENINGS):
         problem = problem._replace(blob_sigma_px=problem.blob_sigma_px * np.sqrt(pose.residual))
         wider = _from_first(problem, marker)
@@ -96,6 +106,13 @@ def _with_wider_blobs(problem: Problem, marker: MarkerDesign, pose: Pose) -> Pos
         if _probability(pose, problem) > UNLIKELY:
             break
     return pose
+
+
+def _widened(whiten: FloatArray, sigma_px: float) -> FloatArray:
+    """Whitening matrices (q, 8, 8) of corners whose coordinates have another independent deviation."""
+    factors = np.linalg.inv(whiten)
+    covariance = factors @ factors.transpose(0, 2, 1) + sigma_px**2 * np.eye(8)
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)))
 
 
 def problem_of(found: Sequence[tuple[Features, MarkerDesign, FloatArray]], camera: Camera) -> Problem:
