@@ -58,8 +58,11 @@ def _rows(module: ModuleType, kept: Kept) -> str:
     if series and not getattr(module, "ONLY_DRAWN", False):
         figures = list(dict.fromkeys(row.figure for row in kept.rows if row.series))
         found = {(row.figure, row.series): row for row in kept.rows if row.series}
-        unit = next(row.unit for row in kept.rows if row.series)
-        lines = [[f, *(shown(found[f, s].value) if (f, s) in found else "–" for s in series)] for f in figures]
+        units = {row.figure: row.unit for row in kept.rows if row.series}
+        alike = len(set(units.values())) == 1
+        names = {f: f if alike or not units[f] else f"{f} [{units[f]}]" for f in figures}
+        lines = [[names[f], *(shown(found[f, s].value) if (f, s) in found else "–" for s in series)] for f in figures]
+        unit = units[figures[0]] if alike else ""
         text += "\n" + _table([f"{module.COLUMNS} [{unit}]" if unit else module.COLUMNS, *series], lines)
     return text
 

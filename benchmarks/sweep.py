@@ -60,6 +60,7 @@ CASES, CORES, USD_PER_CORE_HOUR = 10_000_000, 1000, 0.0425
 DRAWS = 16
 
 TITLE = "A sweep of 30 720 frames"
+COLUMNS = "figure"
 TEXT = f"""
 20 ranges × 12 exposures × 8 illuminations × 16 noise draws of 752 × 580 px, each exposed, searched and its pose solved, on
 two spawned workers with an empty cache: on whole frames, and in a window of three marker extents (`window = 3`). The eight
