@@ -192,7 +192,9 @@ class _Joint:
     def __init__(self, observations: list[Features], marker: MarkerDesign, camera: Camera):
         self.marker, self.camera = marker, camera
         self.corners_px = np.array([found.corners_px for found in observations])
-        self.whiten = np.array([np.linalg.inv(np.linalg.cholesky(_covariance(found))) for found in observations])
+        self.whiten = np.array(
+            [np.linalg.inv(np.linalg.cholesky(found.corner_covariance_px2)) for found in observations]
+        )
         nowhere = np.full(2, np.nan)
         self.blobs_px = np.array(
             [
@@ -245,14 +247,3 @@ class _Joint:
             for c in length * np.eye(5)
         ]
         return np.stack(by_pose, axis=-1), np.stack(by_element, axis=-1)
-
-
-def _covariance(found: Features) -> FloatArray:
-    """Joint covariance (8, 8) of an observation's corners [px²]."""
-    if found.joint_covariance_px2 is not None:
-        return found.joint_covariance_px2
-    assert found.corners_covariance_px2 is not None
-    joint = np.zeros((8, 8))
-    for k, block in enumerate(found.corners_covariance_px2):
-        joint[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = block
-    return joint

@@ -55,6 +55,17 @@ class Features:
         """True where the marker was decoded with the right identity and its corners were found."""
         return self.corners_px is not None
 
+    @property
+    def corner_covariance_px2(self) -> FloatArray:
+        """Covariance of all eight corner coordinates (8, 8) [px²]; block by block where their correlation is not known."""
+        if self.joint_covariance_px2 is not None:
+            return self.joint_covariance_px2
+        assert self.corners_covariance_px2 is not None
+        covariance = np.zeros((8, 8))
+        for k, block in enumerate(self.corners_covariance_px2):
+            covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = block
+        return covariance
+
 
 def detect_features(
     image: ArrayLike,

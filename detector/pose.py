@@ -61,7 +61,7 @@ def solve_pose(features: Features, marker: MarkerDesign, camera: Camera) -> Pose
     pose = _from_first(problem, marker)
     if pose is None or not len(problem.blobs_px) or _probability(pose, problem) > CONTRADICTION:
         return pose
-    return _with_wider_blobs(problem, marker, pose)
+    return _with_wider_blobs(features, marker, camera) or pose
 
 
 def _from_first(problem: Problem, marker: MarkerDesign) -> Pose | None:
@@ -76,43 +76,25 @@ def _probability(pose: Pose, problem: Problem) -> float:
     return float(gammaincc(freedom / 2, pose.residual * freedom / 2))
 
 
-def _with_wider_blobs(problem: Problem, marker: MarkerDesign, pose: Pose) -> Pose | None:
+def _with_wider_blobs(features: Features, marker: MarkerDesign, camera: Camera) -> Pose | None:
     """The pose where blobs contradict corners: the corners' deviations widened by what their model may miss, then the blobs'.
 
     A light beside the camera, a lamp or the Sun, shines into the slits from aside and moves the blobs, and nothing in their own
-    light tells; it cannot move corners. Where the corners alone do not fit, the fault is not the blobs' and the pose stays.
+    light tells; it cannot move corners. None where the corners alone do not fit, and the fault is not the blobs'.
     """
-    none = np.empty((0, 3))
-    corners = problem._replace(
-        blobs_px=np.empty((0, 2)), blob_sigma_px=np.empty(0), place_m=none, element_m=none, along=none,
-        virtual_m=np.empty((0, 2)),
-    )  # fmt: skip
+    corners = problem_of([(replace(features, blobs_px={}), marker, np.zeros(3))], camera)
     alone = _from_first(corners, marker)
     if alone is None or _probability(alone, corners) < UNLIKELY:
-        return pose
-    problem = problem._replace(whiten=_widened(problem.whiten, CORNER_DOUBT_PX))
-    doubted = _from_first(problem, marker)
-    if doubted is None:
-        return pose
-    if _probability(doubted, problem) > UNLIKELY:
-        return doubted
-    pose = doubted
+        return None
+    doubted = features.corner_covariance_px2 + CORNER_DOUBT_PX**2 * np.eye(8)
+    problem = problem_of([(replace(features, joint_covariance_px2=doubted), marker, np.zeros(3))], camera)
+    pose = _from_first(problem, marker)
     for _ in range(WIDENINGS):
-        problem = problem._replace(blob_sigma_px=problem.blob_sigma_px * np.sqrt(pose.residual))
-        wider = _from_first(problem, marker)
-        if wider is None:
-            return pose
-        pose = wider
-        if _probability(pose, problem) > UNLIKELY:
+        if pose is None or _probability(pose, problem) > UNLIKELY:
             break
+        problem = problem._replace(blob_sigma_px=problem.blob_sigma_px * np.sqrt(pose.residual))
+        pose = _from_first(problem, marker) or pose
     return pose
-
-
-def _widened(whiten: FloatArray, sigma_px: float) -> FloatArray:
-    """Whitening matrices (q, 8, 8) of corners whose coordinates have another independent deviation."""
-    factors = np.linalg.inv(whiten)
-    covariance = factors @ factors.transpose(0, 2, 1) + sigma_px**2 * np.eye(8)
-    return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)))
 
 
 def problem_of(found: Sequence[tuple[Features, MarkerDesign, FloatArray]], camera: Camera) -> Problem:
@@ -122,7 +104,7 @@ def problem_of(found: Sequence[tuple[Features, MarkerDesign, FloatArray]], camer
         if features.corners_px is None:
             continue
         corners.append((marker.corners_m + place_m, features.corners_px))
-        whiten.append(np.linalg.inv(np.linalg.cholesky(_joint_covariance(features))))
+        whiten.append(np.linalg.inv(np.linalg.cholesky(features.corner_covariance_px2)))
         blobs += [
             (at, features.blob_sigma_px[e.name], place_m, e)
             for e in marker.elements
@@ -160,14 +142,3 @@ def best_pose(problem: Problem, rotations: FloatArray, translations: FloatArray)
     ambiguous = any(rotation_angle(rotations[k], rotations[best]) > DISTINCT_RAD for k in rivals)
     pose = Pose(rotations[best], translations[best], (covariance + covariance.T) / 2, reduced, ambiguous)
     return replace(pose, covariance=pose.covariance * reduced) if _probability(pose, problem) < UNLIKELY else pose
-
-
-def _joint_covariance(features: Features) -> FloatArray:
-    """Covariance (8, 8) of the corners; block by block where their correlation is not known."""
-    if features.joint_covariance_px2 is not None:
-        return features.joint_covariance_px2
-    assert features.corners_covariance_px2 is not None
-    covariance = np.zeros((8, 8))
-    for k, block in enumerate(features.corners_covariance_px2):
-        covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = block
-    return covariance

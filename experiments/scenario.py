@@ -256,6 +256,19 @@ def load_data(source: str | Path | None = None, overrides: tuple[str, ...] = ())
     return data
 
 
+def overridden(data: dict[str, Any], overrides: tuple[str, ...], seed: int | None) -> Scenario:
+    """Scenario from nested plain data, with ``key=value`` overrides and then a seed in place of its own.
+
+    Raises:
+        ScenarioError: one line that names the key, the value, and what was expected.
+    """
+    for override in overrides:
+        apply_override(data, override)
+    if seed is not None:
+        set_key(data, "seed", seed)
+    return validate(data)
+
+
 def validate(data: dict[str, Any]) -> Scenario:
     """Scenario from nested plain data.
 

@@ -43,6 +43,10 @@ BOARD_ROLL_DEG = 8.0
 ROLL_DEG, ROLL_MARGIN = 15.0, 0.15
 #: Rays a pixel of each of the renderer's two lattices.
 BOARD_RAYS = 16
+#: What a camera's calibration finds, in its order.
+CAMERA_PARAMETERS = (
+    "focal length, columns", "focal length, rows", "principal point x", "principal point y", "k1", "k2", "p1", "p2",
+)  # fmt: skip
 #: Brightest paint over full well.
 PAINT_LEVEL = 0.6
 
@@ -197,21 +201,11 @@ def camera_trials(scenario: Scenario, board: Chessboard, distorted: bool) -> lis
     camera = scenario.camera
     truth = [*camera.focal_px, *camera.principal_point_px, camera.k1, camera.k2, camera.p1, camera.p2]
     values = [*found.focal_px, *found.principal_point_px, *found.distortion[:4]]
-    names = (
-        "focal length, columns",
-        "focal length, rows",
-        "principal point x",
-        "principal point y",
-        "k1",
-        "k2",
-        "p1",
-        "p2",
-    )
     units = ("px",) * 4 + ("1",) * 4
     count = 8 if distorted else 4
     return [
         Trial(name, unit, float(t), float(v), float(s))
-        for name, unit, t, v, s in zip(names[:count], units, truth, values, found.sigma, strict=False)
+        for name, unit, t, v, s in zip(CAMERA_PARAMETERS[:count], units, truth, values, found.sigma, strict=False)
     ]
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from experiments import chain
-from experiments.scenario import Scenario, apply_override, load_data, set_key, validate
+from experiments.scenario import Scenario, load_data, overridden, set_key, validate
 from experiments.virtual.judge import tilt_deg
 from radiometry.geometry import FRONTAL, FloatArray
 from radiometry.laboratory import HalogenSpot, LedClusters
@@ -47,11 +47,7 @@ def load(overrides: tuple[str, ...] = (), seed: int | None = None) -> Scenario:
     set_key(data, "leds.count", count)
     set_key(data, "leds.electrical_power_w", power)
     set_key(data, "leds.intensity_w_sr", preset.intensity_w_sr * power / preset.electrical_power_w)
-    for override in overrides:
-        apply_override(data, override)
-    if seed is not None:
-        set_key(data, "seed", seed)
-    return validate(data)
+    return overridden(data, overrides, seed)
 
 
 def equipped(scenario: Scenario) -> Scenario:

@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 
 from detector.baseline import to_eight_bits
 from detector.features import Features, detect_features
-from detector.pose import solve_pose
-from experiments.virtual.trackers import Shot, Sight, aruco_thesis, inner_aruco, thesis
-from radiometry.optics import Camera
+from experiments.virtual.trackers import Shot, Sight, aruco_thesis, inner_aruco, ml_sight, thesis
 from scenes.marker import ELEMENT_NAMES, MarkerDesign
 
 #: Methods by name, and what they are called.
@@ -43,9 +41,9 @@ def sights(shot: LabShot) -> Iterator[tuple[str, Sight]]:
     """What every one of `METHODS` makes of a single frame."""
     marker, camera = cast(MarkerDesign, shot.design), shot.camera
     features = _features(shot)
-    yield "mantis", _sight(features, marker, camera)
+    yield "mantis", ml_sight(features, marker, camera)
     bare = replace(features, blobs_px=dict.fromkeys(ELEMENT_NAMES), blob_sigma_px={}, virtual_points_px={})
-    yield "inner", replace(_sight(bare, marker, camera), blobs=None)
+    yield "inner", replace(ml_sight(bare, marker, camera), blobs=None)
     yield "thesis", thesis(shot)
     yield "thesis_inner", aruco_thesis(shot)
     yield "window_inner", inner_aruco(shot)
@@ -53,18 +51,8 @@ def sights(shot: LabShot) -> Iterator[tuple[str, Sight]]:
 
 def of_pair(shot: LabShot) -> Sight:
     """What this project's detector makes of a difference."""
-    return _sight(_features(shot), cast(MarkerDesign, shot.design), shot.camera)
+    return ml_sight(_features(shot), cast(MarkerDesign, shot.design), shot.camera)
 
 
 def _features(shot: LabShot) -> Features:
     return detect_features(shot.image, cast(MarkerDesign, shot.design), shot.camera, shot.noise, shot.light_ring_m)
-
-
-def _sight(features: Features, marker: MarkerDesign, camera: Camera) -> Sight:
-    blobs = frozenset(name for name in ELEMENT_NAMES if features.blobs_px.get(name) is not None)
-    other = features.identity not in (None, marker.identity)
-    pose = solve_pose(features, marker, camera) if features.detected else None
-    if pose is None:
-        return Sight(features.corners_px, blobs=blobs, other=other)
-    virtual = bool(features.virtual_points_px)
-    return Sight(features.corners_px, pose.rotation, pose.translation_m, blobs, virtual, other)

@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from experiments import failures
+from experiments.features.calibrations import CAMERA_PARAMETERS
 from experiments.physical.camera import Calibrated
 from experiments.physical.methods import METHODS
 from experiments.physical.study import NEAR_PHASE_DEG
@@ -26,16 +27,6 @@ PASS_HEADINGS: Row = (
     "yaw rms, frontal [°]", "largest [°]", "outliers",
 )  # fmt: skip
 LIGHT_NAMES = {"eclipse": "eclipse", "sun": "halogen"}
-CAMERA_KEYS = (
-    "focal length, columns",
-    "focal length, rows",
-    "principal point x",
-    "principal point y",
-    "k1",
-    "k2",
-    "p1",
-    "p2",
-)
 
 
 def series(frames: xr.Dataset, light: str, scale: str, by: str) -> xr.Dataset:
@@ -110,7 +101,7 @@ def camera_rows(camera: Calibrated, scenario: Scenario) -> list[Row]:
     truth = [*real.focal_px, *real.principal_point_px, real.k1, real.k2, real.p1, real.p2]
     rows: list[Row] = [("quantity", "unit", "true", "listing A.3", "±", "this project", "±")]
     found = [([*c.focal_px, *c.principal_point_px, *c.distortion[:4]], c.sigma) for c in (camera.listing, camera.found)]
-    for k, (name, true) in enumerate(zip(CAMERA_KEYS, truth, strict=True)):
+    for k, (name, true) in enumerate(zip(CAMERA_PARAMETERS, truth, strict=True)):
         digits = ".2f" if k < 4 else ".5f"
         cells = [format(float(v), digits) for values, sigma in found for v in (values[k], sigma[k])]
         rows.append((name, "px" if k < 4 else "1", format(float(true), digits), *cells))

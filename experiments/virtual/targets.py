@@ -13,7 +13,7 @@ from zlib import crc32
 import numpy as np
 
 from experiments import chain
-from experiments.scenario import Scenario, apply_override, load_data, set_key, validate
+from experiments.scenario import Scenario, load_data, overridden, set_key
 from radiometry.geometry import FloatArray
 from scenes.marker import MarkerDesign
 from scenes.tags import DotPlate, TagPlate, view_of
@@ -93,11 +93,7 @@ def load(overrides: tuple[str, ...] = (), seed: int | None = None) -> Scenario:
     data = load_data()
     for key, value in table()["scenario"].items():
         set_key(data, key, value)
-    for override in overrides:
-        apply_override(data, override)
-    if seed is not None:
-        set_key(data, "seed", seed)
-    return validate(data)
+    return overridden(data, overrides, seed)
 
 
 def design(scenario: Scenario, target: str) -> Design:

@@ -90,10 +90,11 @@ def mantis(shot: Shot) -> Sight:
     """This project's features and pose."""
     marker = cast(MarkerDesign, shot.design)
     features = detect_features(shot.image, marker, shot.camera, shot.noise, shot.light_ring_m)
-    return _ml_sight(features, marker, shot.camera)
+    return ml_sight(features, marker, shot.camera)
 
 
-def _ml_sight(features: Features, marker: MarkerDesign, camera: Camera) -> Sight:
+def ml_sight(features: Features, marker: MarkerDesign, camera: Camera) -> Sight:
+    """The maximum-likelihood pose from features, and which blobs they have."""
     blobs = frozenset(name for name in ELEMENT_NAMES if features.blobs_px.get(name) is not None)
     other = features.identity not in (None, marker.identity)
     pose = solve_pose(features, marker, camera) if features.detected else None
@@ -164,7 +165,7 @@ def aruco(shot: Shot) -> Sight:
         None,
         joint_covariance_px2=covariance,
     )
-    return replace(_ml_sight(features, cast(MarkerDesign, tag), shot.camera), blobs=None, other=other)
+    return replace(ml_sight(features, cast(MarkerDesign, tag), shot.camera), blobs=None, other=other)
 
 
 @lru_cache(maxsize=4)
