@@ -46,7 +46,7 @@ def main(arguments: list[str] | None = None) -> int:
         if not chosen.quick:
             write(name, rows)
             if hasattr(module, "figure"):
-                from experiments.figures import save_svg
+                from experiments.reporting.figures import save_svg
 
                 save_svg(module.figure(rows), FIGURES / f"performance-{name}.svg")
     if not chosen.quick:
@@ -62,7 +62,7 @@ def _modules() -> dict[str, ModuleType]:
 
 
 def _write_page(modules: dict[str, ModuleType]) -> None:
-    from experiments.files import write_text
+    from experiments.reporting.files import write_text
 
     sections = [(name, module, kept) for name, module in modules.items() if (kept := read(name)) is not None]
     write_text(page(sections), PAGE)

@@ -16,7 +16,7 @@ def main() -> None:
 
     from experiments import chain
     from experiments.scenario import load_scenario
-    from scenes import transport
+    from scenes.render import transport
 
     request = json.loads(sys.stdin.read())
     views = [chain.view(load_scenario(overrides=tuple(o))) for o in request["overrides"]]

@@ -8,11 +8,11 @@ import cv2
 import numpy as np
 
 from benchmarks.rows import Row
-from detector.baseline import to_eight_bits
-from detector.features import detect_features
-from detector.pose import solve_pose
+from detector.detect import detect_features
+from detector.pose.pose import solve_pose
 from experiments import chain
 from experiments.scenario import load_scenario
+from experiments.thesis.baseline import to_eight_bits
 from scenes.marker import aruco_dictionary
 
 TITLE = "Features and pose of one frame"

@@ -47,7 +47,7 @@ def job(points: tuple[int, ...]) -> None:
     from itertools import cycle, islice
 
     from benchmarks.scene import poses, scenario
-    from scenes.transport import Quality, render_bases
+    from scenes.render.transport import Quality, render_bases
 
     views = poses(scenario("camera.width_px=64", "camera.height_px=64", "range_m=3.3"), 100)
     quality = Quality(marker_rays=25_000)
@@ -62,7 +62,7 @@ def job(points: tuple[int, ...]) -> None:
 
 def figure(rows: list[Row]) -> Any:
     """Wall time and memory over poses."""
-    from experiments.figures import COLOURS, MARKERS, new_figure
+    from experiments.reporting.figures import COLOURS, MARKERS, new_figure
 
     fig, axes = new_figure(1, 2, (7.2, 3.0))
     for axis, name, unit, colour in zip(axes[0], ("wall time", "peak memory"), ("s", "MiB"), COLOURS, strict=False):

@@ -27,8 +27,8 @@ def compare(view: Any, peer: Peer, name: str, seeds: int, samples: tuple[int, in
     The peer is measured at two numbers of samples. Its time is taken as a constant and a part in proportion to them, its noise as
     a power of them, and both are carried on to this renderer's noise.
     """
-    from scenes.regions import frame_box, marker_pixels
-    from scenes.transport import Quality, render_bases, render_cases
+    from scenes.projection.regions import frame_box, marker_pixels
+    from scenes.render.transport import Quality, render_bases, render_cases
 
     seen = marker_pixels(view, frame_box(view))
     pixels = seen.aruco | seen.opening

@@ -29,7 +29,7 @@ half of the full well of 20 000 e⁻, as 'auto' does, and in the one that fills 
 virtual experiment. The table says where the time of a pose goes: planning (regions, lattices), tracing (waiting for
 the kernel), gathering rays into pixels, checking the noise, and handing over. Each is measured on the main thread,
 while the kernel has all cores. *Triangles only* is the same work with Embree in the place of the closed form of the
-marker (`scenes/marker_rays.py`). *Before* is the renderer of commit 000323a at its default density, one view at a
+marker (`scenes/render/marker_rays.py`). *Before* is the renderer of commit 000323a at its default density, one view at a
 time with jittered rays, run in a checkout that MANTIS_BEFORE names (`git worktree add ../before 000323a`); without
 one the figures are those kept. The limit is what Embree alone manages on this machine: camera rays into the same
 scene, nothing else, not even a hit point.
@@ -40,18 +40,18 @@ COLUMNS = "milliseconds of a pose"
 _BEFORE = "MANTIS_BEFORE"
 _NOISE_BEFORE = "variance before over that as it is"
 _STAGES = {
-    "plan": ("scenes.image.ViewImage.__init__", "scenes.batch._Job.blocks"),
-    "trace": ("scenes.tracer.Traced.arrays", "scenes.batch.trace"),
-    "gather": ("scenes.image.ViewImage.add_tiles", "scenes.image.ViewImage.add_box"),
-    "check": ("scenes.image.ViewImage.more",),
-    "hand over": ("scenes.image.ViewImage.finish",),
+    "plan": ("scenes.render.image.ViewImage.__init__", "scenes.render.batch._Job.blocks"),
+    "trace": ("scenes.render.tracer.Traced.arrays", "scenes.render.batch.trace"),
+    "gather": ("scenes.render.image.ViewImage.add_tiles", "scenes.render.image.ViewImage.add_box"),
+    "check": ("scenes.render.image.ViewImage.more",),
+    "hand over": ("scenes.render.image.ViewImage.finish",),
 }
 
 
 def run(quick: bool) -> list[Row]:
     """Poses a second, their noise, the profile, and the bare rate of rays."""
     from scenes.llvm import activate_variant
-    from scenes.transport import Quality
+    from scenes.render.transport import Quality
 
     variant = activate_variant()
     count = 12 if quick else 180
@@ -92,8 +92,8 @@ def _before(quick: bool) -> list[Row]:
         return (
             [row for row in kept.rows if row.series.startswith("before") or row.figure == _NOISE_BEFORE] if kept else []
         )
-    from scenes.regions import frame_box, marker_pixels
-    from scenes.transport import Quality, render_cases
+    from scenes.projection.regions import frame_box, marker_pixels
+    from scenes.render.transport import Quality, render_cases
 
     count, seeds = (3, 4) if quick else (10, 6)
     base = ("camera.width_px=64", "camera.height_px=64", "range_m=3.3")
@@ -122,7 +122,7 @@ def _before(quick: bool) -> list[Row]:
 
 def _rate(views: list[Any], quality: Any) -> tuple[float, list[float], float]:
     """Poses a second, the largest variance fraction of each, and lanes a pose."""
-    from scenes import batch, density
+    from scenes.render import batch, density
 
     lanes = []
     launch = batch._launch
@@ -142,8 +142,8 @@ def _rate(views: list[Any], quality: Any) -> tuple[float, list[float], float]:
 
 def _profile(views: list[Any], triangles: bool) -> tuple[float, dict[str, float]]:
     """Seconds a pose, in all and on the main thread by stage."""
-    from scenes import tracer
-    from scenes.batch import render_bases
+    from scenes.render import tracer
+    from scenes.render.batch import render_bases
 
     spent = dict.fromkeys(_STAGES, 0.0)
     with ExitStack() as stack:
@@ -186,7 +186,8 @@ def _timed(name: str, stage: str, spent: dict[str, float]) -> Iterator[None]:
 @contextmanager
 def _triangles() -> Iterator[None]:
     """Worlds without the marker's closed form."""
-    from scenes import tracer, world
+    from scenes.render import scene as world
+    from scenes.render import tracer
 
     tracer._world.cache_clear()
     build = world.World.__init__
@@ -204,7 +205,7 @@ def _bare_rays_per_second(views: list[Any]) -> float:
     import drjit as dr
     import mitsuba as mi
 
-    from scenes.tracer import Kind, _world
+    from scenes.render.tracer import Kind, _world
 
     view = views[0]
     scene = _world(Kind.of(view).marker, Kind.of(view).surface).scene

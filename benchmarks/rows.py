@@ -62,7 +62,7 @@ def path_of(module: str) -> Path:
 
 def write(module: str, rows: list[Row]) -> None:
     """Keep a module's rows, whole or not at all."""
-    from experiments.files import write_text
+    from experiments.reporting.files import write_text
 
     names = [field.name for field in fields(Row)]
     text = io.StringIO()

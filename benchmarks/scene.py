@@ -6,7 +6,7 @@ import numpy as np
 
 from experiments import chain
 from experiments.scenario import Scenario, load_scenario
-from scenes.transport import View
+from scenes.render.transport import View
 
 
 def scenario(*overrides: str) -> Scenario:

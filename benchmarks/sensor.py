@@ -15,7 +15,7 @@ from benchmarks.sensor_job import megapixels_per_second, scene
 TITLE = "The sensor chain, megapixels a second on one core"
 TEXT = """
 Frames of 1024 × 1024 px from mean charge to digital numbers: Poisson draw, full well, read noise, gain and offset,
-rounding and converter. `expose` draws the law itself (`detector/sensor.py`); *with fixed pattern* adds the camera's
+rounding and converter. `expose` draws the law itself (`detector/sensor/sensor.py`); *with fixed pattern* adds the camera's
 PRNU and DSNU maps. *Plain numpy* is the same chain written down in double precision with numpy's generator. Pyxel is
 called through its models' functions on a CMOS detector, without its pipeline's overhead; GalSim has no full well;
 prysm draws Gaussian counts and truncates. The best frame of each level counts.
@@ -31,7 +31,7 @@ _SHAPE = (1024, 1024)
 
 def run(quick: bool) -> list[Row]:
     """Megapixels a second by chain and level."""
-    from detector.sensor import Sensor, expose, fixed_pattern
+    from detector.sensor.sensor import Sensor, expose, fixed_pattern
 
     seconds = 0.15 if quick else 0.6
     sensor = Sensor(prnu=0.01, dsnu_electrons=5.0)

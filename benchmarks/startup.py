@@ -19,5 +19,5 @@ def run(quick: bool) -> list[Row]:
         command = [sys.executable, *arguments]
         return best_seconds(lambda: subprocess.run(command, check=True, capture_output=True), repeats)
 
-    help_s = process("-c", "import sys; from experiments.cli import main; sys.exit(main(['--help']))")
+    help_s = process("-c", "import sys; from experiments.cli.main import main; sys.exit(main(['--help']))")
     return [Row("mantis --help", help_s, "s", "≤ 0.3"), Row("python -c pass", process("-c", "pass"), "s")]

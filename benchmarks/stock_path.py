@@ -43,7 +43,7 @@ def _stock(view: Any, light: str, seeds: int, samples: int) -> tuple[float, Any]
     """Shortest seconds of a frame, and frames at the first wavelength."""
     import mitsuba as mi
 
-    from scenes.stock import stock_scene
+    from scenes.render.stock import stock_scene
     from scenes.view import MM_PER_M
 
     camera, node = view.camera, view.nodes_nm[0]

@@ -18,12 +18,12 @@ from typing import Any
 import numpy as np
 
 from benchmarks.rows import Row
-from experiments.sweep import study, work
-from experiments.sweep.dataset import OF_CASES, OF_DRAWS
-from experiments.sweep.plan import Sweep, load_sweep
-from experiments.trials import VARIABLES
-from experiments.workers import Processes
-from scenes.cache import TransportCache, default_folder
+from experiments.chain.executor import Processes
+from experiments.chain.trials import VARIABLES
+from experiments.studies.sweep import study, work
+from experiments.studies.sweep.dataset import OF_CASES, OF_DRAWS
+from experiments.studies.sweep.plan import Sweep, load_sweep
+from scenes.files.cache import TransportCache, default_folder
 
 WORKERS = 2
 TARGET_S, TARGET_GIB = 600.0, 4.0

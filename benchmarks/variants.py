@@ -94,7 +94,7 @@ def _basis_seconds() -> float:
     """Seconds for a transport basis at 4 m, kernels compiled."""
     from experiments import chain
     from experiments.scenario import load_scenario
-    from scenes.transport import Quality, render_basis
+    from scenes.render.transport import Quality, render_basis
 
     view = chain.view(load_scenario(overrides=("range_m=4",)))
     seconds = 0.0

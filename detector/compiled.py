@@ -29,7 +29,7 @@ def _cache_folder() -> Path:
     file before that one was changed.
     """
     here = Path(__file__).parent
-    sources = (path.read_bytes() for path in sorted(here.glob("*.py")))
+    sources = (path.read_bytes() for path in sorted(here.rglob("*.py")))
     digest = hashlib.sha256(b"".join(text for text in sources if b"detector.compiled" in text)).hexdigest()[:16]
     beside = here / "__pycache__"
     writable = os.access(beside if beside.is_dir() else here, os.W_OK)

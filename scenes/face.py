@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from radiometry.geometry import FloatArray
 from scenes.marker import MarkerDesign
-from scenes.transport import Quality, TransportBasis, View, render_cases
+from scenes.render.transport import Quality, TransportBasis, View, render_cases
 
 #: Of a marker's surroundings this much comes with it into the frame: four pixels, but not half of the gap to its neighbour.
 _MARGIN_PX, _SHARE_OF_GAP = 4.0, 0.45

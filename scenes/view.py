@@ -85,7 +85,7 @@ class View:
 class Quality:
     """How densely a view is sampled.
 
-    The marker's density follows from the charge that its pixels can hold (`scenes.density`); the frame's is given.
+    The marker's density follows from the charge that its pixels can hold (`scenes.render.density`); the frame's is given.
 
     Attributes:
         frame_samples: rays along one side of a pixel, outside the marker; 0 leaves the frame there dark.

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from experiments.scenario import Scenario, load_scenario
-from scenes.transport import TransportBasis
+from scenes.render.transport import TransportBasis
 
 #: The default scenario seen by the middle of its detector: the optics are the same, the frame renders 15 times faster.
 SMALL = """\
@@ -65,7 +65,7 @@ def small_basis(small: Scenario) -> TransportBasis:
 @pytest.fixture
 def mantis(capfd: pytest.CaptureFixture[str]) -> Callable[..., Outcome]:
     """Runs a command line in this process; what libraries write to the file descriptors is seen, too."""
-    from experiments.cli import main
+    from experiments.cli.main import main
 
     def run(*arguments: object) -> Outcome:
         capfd.readouterr()

@@ -27,7 +27,7 @@ _SHARED = ("out", "seed", "as_json", "quiet", "overrides")
 
 def commands(_: Path) -> str:
     """Every verb with its usage, text, arguments and options, from click itself."""
-    from experiments.cli import with_verbs
+    from experiments.cli.main import with_verbs
 
     mantis, text = with_verbs(), list[str]()
     for name, command in sorted(mantis.commands.items()):
@@ -56,7 +56,7 @@ def _command(name: str, command: click.Command, above: click.Context) -> Iterato
 
 def scenario_keys(_: Path) -> str:
     """A table of keys for each section of a scenario file, from its JSON schema."""
-    from experiments.keys import Section, scenario_keys, sections
+    from experiments.scenario.keys import Section, scenario_keys, sections
 
     text = []
     for section in (Section("", "", True, ()), *sections()):
@@ -105,7 +105,7 @@ def pages(docs: Path) -> str:
 
 def preset_tables(_: Path) -> str:
     """Sensors, lenses, LEDs, filters and tapes with their main figures."""
-    from experiments.catalogue import SHOWN, catalogue, row
+    from experiments.scenario.catalogue import SHOWN, catalogue, row
 
     text = []
     for section, (heading, columns) in SHOWN.items():

@@ -9,8 +9,8 @@ import numpy as np
 
 from experiments import chain
 from experiments.explore.stock import Budgets
+from experiments.reporting.formatting import number, percent, seconds_text
 from experiments.scenario import Scenario
-from experiments.wording import number, percent, seconds_text
 from radiometry import closure, link
 
 #: Criterion of `radiometry.closure` -> what `at_exposure` calls what it judges.

@@ -13,9 +13,9 @@ from urllib.parse import parse_qsl, urlencode
 
 import numpy as np
 
-from experiments.presets import presets
+from experiments.reporting.formatting import seconds_text
 from experiments.scenario import Scenario, ScenarioError
-from experiments.wording import seconds_text
+from experiments.scenario.presets import presets
 
 Value = float | str | bool
 State = dict[str, Value]

@@ -13,8 +13,8 @@ import numpy as np
 from experiments.explore import closed, controls, frame
 from experiments.explore.controls import Control, State
 from experiments.explore.stock import Key, Stock, Task
-from experiments.report import toml_text
 from experiments.scenario import Scenario
+from experiments.scenario.toml import toml_text
 
 #: Ranges at which the curve over range is computed, at most.
 CURVE_POINTS = 10

@@ -10,16 +10,17 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from detector.features import detect_features
-from detector.pose import solve_pose
-from detector.sensor import Sensor, expose
-from experiments import chain, pictures
+from detector.detect import detect_features
+from detector.pose.pose import solve_pose
+from detector.sensor.sensor import Sensor, expose
+from experiments import chain
+from experiments.chain.trials import known_values
 from experiments.explore.stock import Prepared
-from experiments.glare.fusion import difference
+from experiments.reporting import pictures
+from experiments.reporting.detection import as_record, describe
+from experiments.reporting.formatting import number, percent
 from experiments.scenario import Scenario
-from experiments.sighting import as_record, describe
-from experiments.trials import known_values
-from experiments.wording import number, percent
+from experiments.studies.glare.fusion import difference
 from radiometry import link
 from radiometry.geometry import FloatArray
 from radiometry.thesis import PrintedModel

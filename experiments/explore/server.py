@@ -16,8 +16,8 @@ from types import TracebackType
 from typing import Any, ClassVar
 from urllib.parse import urlsplit
 
-from experiments.cli import plain
 from experiments.explore.explorer import Explorer
+from experiments.reporting.plain import plain
 
 LOOPBACK = ("127.0.0.1", "localhost")
 PAGES = {

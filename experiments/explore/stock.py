@@ -16,10 +16,10 @@ from types import TracebackType
 from typing import Any
 
 from experiments import chain
+from experiments.chain.executor import Crew
 from experiments.scenario import Scenario
-from experiments.workers import Crew
 from radiometry.geometry import FloatArray
-from scenes.cache import TransportCache, default_folder
+from scenes.files.cache import TransportCache, default_folder
 
 LIGHTS = tuple(chain.LIGHTS_ON)
 #: Bytes of prepared frames kept in memory; the least recently used make room.

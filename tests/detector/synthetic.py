@@ -9,7 +9,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from detector.noise import NoiseModel
+from detector.sensor.noise import NoiseModel
 from radiometry.geometry import FloatArray, attitude_matrix
 from radiometry.optics import Camera
 from scenes.marker import Element, MarkerDesign

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from detector.bounds import Exposure, FineImage, bound, corner_bound, displacement, information
+from detector.pose.bounds import Exposure, FineImage, bound, corner_bound, displacement, information
 from radiometry.geometry import FloatArray
 from scenes.marker import MarkerDesign
 

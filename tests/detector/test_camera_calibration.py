@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
-from detector.camera_calibration import calibrate_camera, chessboard_corners
+from detector.calibration.camera import calibrate_camera, chessboard_corners
 from radiometry.geometry import FloatArray, attitude_matrix
 from radiometry.optics import Camera
 

@@ -13,10 +13,10 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from synthetic import NOISE, electrons, expose, pose_at
 
-from detector.bounds import bound
-from detector.corners import fit_pattern
-from detector.features import detect_features
-from detector.pattern import CLEARANCE, SQUARE, Pattern, homography, kernel_sigma_px, project
+from detector.detect import detect_features
+from detector.pattern.corners import fit_pattern
+from detector.pattern.pattern import CLEARANCE, SQUARE, Pattern, homography, kernel_sigma_px, project
+from detector.pose.bounds import bound
 from radiometry.geometry import FloatArray
 from radiometry.optics import Camera
 from scenes.marker import MarkerDesign

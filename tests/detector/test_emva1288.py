@@ -11,7 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from detector.emva1288 import (
+from detector.sensor.emva1288 import (
     DESCRIPTOR,
     Characterisation,
     characterise,
@@ -20,7 +20,7 @@ from detector.emva1288 import (
     read_descriptor,
     write_dataset,
 )
-from detector.sensor import Sensor
+from detector.sensor.sensor import Sensor
 
 SENSOR = Sensor(prnu=0.01, dsnu_electrons=20.0, dark_current_electrons_per_s=5000.0)
 SMALL = {"shape": (16, 16), "steps": 10, "stack": 3}

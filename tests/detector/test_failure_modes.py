@@ -1,6 +1,6 @@
 """The five failure modes of thesis section 8.3: each brought about, and what this detector has against it.
 
-Beside each stands what OpenCV's ArUco and the thesis's pipeline (`detector.baseline`) make of the same frame, where they fail.
+Beside each stands what OpenCV's ArUco and the thesis's pipeline (`experiments.thesis.baseline`) make of the same frame, where they fail.
 Frames are drawn with exact projection and sensor noise (`synthetic.py`); those of `tests/experiments` are ray-traced.
 """
 
@@ -18,11 +18,11 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from synthetic import NOISE, electrons, expose, foil, pose_at, range_for
 
-from detector.baseline import baseline_features, to_eight_bits
-from detector.features import Features, detect_features
-from detector.joint import FoundMarker, solve_face_pose
-from detector.pair import difference
-from detector.pose import Pose, solve_pose
+from detector.detect import Features, detect_features
+from detector.pose.joint import FoundMarker, solve_face_pose
+from detector.pose.pose import Pose, solve_pose
+from detector.sensor.pair import difference
+from experiments.thesis.baseline import baseline_features, to_eight_bits
 from radiometry.geometry import FloatArray, rotation_angle
 from radiometry.optics import Camera
 from scenes.marker import ELEMENT_NAMES, MarkerDesign

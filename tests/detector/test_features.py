@@ -16,11 +16,11 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from synthetic import NOISE, electrons, expose, foil, pose_at, range_for
 
-from detector.decode import decoder_of
-from detector.features import Features, detect_features
-from detector.noise import NoiseModel, estimate_noise
-from detector.pattern import Pattern, homography, kernel_sigma_px
-from detector.slits import Slits, lit_cells
+from detector.detect import Features, detect_features
+from detector.elements.slits import Slits, lit_cells
+from detector.pattern.decode import decoder_of
+from detector.pattern.pattern import Pattern, homography, kernel_sigma_px
+from detector.sensor.noise import NoiseModel, estimate_noise
 from radiometry.geometry import FloatArray
 from radiometry.optics import Camera
 from scenes.marker import Element, MarkerDesign

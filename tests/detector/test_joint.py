@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from detector.features import Features
-from detector.joint import FoundMarker, moved_to_face, solve_face_pose
-from detector.pose import solve_pose
+from detector.detect import Features
+from detector.pose.joint import FoundMarker, moved_to_face, solve_face_pose
+from detector.pose.pose import solve_pose
 from radiometry.geometry import FloatArray, attitude_matrix, rotation_angle
 from radiometry.optics import Camera
 from scenes.marker import MarkerDesign

@@ -13,10 +13,10 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from synthetic import NOISE, electrons, expose, foil, pose_at
 
-from detector.features import detect_features
-from detector.noise import NoiseModel
-from detector.pair import difference, pair_noise
-from detector.pose import solve_pose
+from detector.detect import detect_features
+from detector.pose.pose import solve_pose
+from detector.sensor.noise import NoiseModel
+from detector.sensor.pair import difference, pair_noise
 from radiometry.geometry import FloatArray, rotation_angle
 from radiometry.optics import Camera
 from scenes.marker import MarkerDesign

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from detector import pnp
-from detector.dls import dls
-from detector.epnp import epnp, epnp_as_used
-from detector.posit import posit, softposit
+from detector.pnp import pnp
+from detector.pnp.dls import dls
+from detector.pnp.epnp import epnp, epnp_as_used
+from detector.pnp.posit import posit, softposit
 from radiometry.geometry import FRONTAL, attitude_matrix
 from radiometry.optics import Camera
 

@@ -17,9 +17,9 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from synthetic import NOISE, electrons, expose, pose_at
 
-from detector.features import Features, detect_features
-from detector.pose import problem_of, solve_pose
-from detector.pose_fit import exponential, residuals
+from detector.detect import Features, detect_features
+from detector.pose.pose import problem_of, solve_pose
+from detector.pose.pose_fit import exponential, residuals
 from radiometry.geometry import FloatArray, faces_camera, rotation_angle
 from radiometry.optics import Camera
 from scenes.marker import ELEMENT_NAMES, MarkerDesign

@@ -10,8 +10,8 @@ from pydantic import ValidationError
 from scipy.special import gammaln, ndtr
 from scipy.stats import chi2, norm, poisson
 
-from detector import sensor as module
-from detector.sensor import Sensor, collected_moments, expose, fixed_pattern, moments, presets
+from detector.sensor import sensor as module
+from detector.sensor.sensor import Sensor, collected_moments, expose, fixed_pattern, moments, presets
 from radiometry.optics import Camera
 
 REFERENCE = Sensor()

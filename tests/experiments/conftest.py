@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from detector.features import Features
+from detector.detect import Features
 from experiments import chain
-from experiments.budget import study as budget
-from experiments.budget.study import BudgetResult, Snapshot
 from experiments.scenario import Scenario
+from experiments.studies.budget import study as budget
+from experiments.studies.budget.study import BudgetResult, Snapshot
 from radiometry import link
 
 MakeBudget = Callable[..., BudgetResult]

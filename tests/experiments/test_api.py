@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from experiments import api, chain
-from experiments.files import write_png
+from experiments.reporting.files import write_png
 from experiments.scenario import Scenario, load_scenario
 
 SCENARIO = load_scenario()

@@ -17,12 +17,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from experiments import chain
-from experiments.budget import study as budget
-from experiments.cli import main
+from experiments.cli.main import main
 from experiments.scenario import Scenario, load_scenario
+from experiments.studies.budget import study as budget
 from radiometry.closure import CRITERIA
-from scenes import exr
-from scenes.transport import TransportBasis
+from scenes.files import exr
+from scenes.render.transport import TransportBasis
 
 Mantis = Callable[..., tuple[int, str, str]]
 

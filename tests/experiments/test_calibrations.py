@@ -12,10 +12,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from detector.calibration import KnownPose
-from experiments.features import calibrations
-from experiments.files import write_png
+from detector.calibration.elements import KnownPose
+from experiments.reporting.files import write_png
 from experiments.scenario import Scenario, load_scenario, validate
+from experiments.studies.shared import calibrations
 
 #: The thesis's case: the right element one millimetre off.
 OFFSETS_M = (0.0, 1e-3, 0.0, 0.0)

@@ -10,7 +10,7 @@ import pytest
 from experiments import chain
 from experiments.scenario import Scenario, load_scenario
 from radiometry.geometry import attitude_matrix, faces_camera
-from scenes.transport import TransportBasis
+from scenes.render.transport import TransportBasis
 
 
 def changed(scenario: Scenario, section: str, **values: Any) -> Scenario:

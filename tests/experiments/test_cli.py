@@ -12,12 +12,13 @@ import pytest
 import xarray as xr
 
 from experiments import chain
-from experiments.cli import BAD_INPUT, REQUIREMENT_NOT_MET, RequirementNotMet
-from experiments.files import write_png
+from experiments.cli.options import BAD_INPUT, REQUIREMENT_NOT_MET, RequirementNotMet
+from experiments.cli.verbs import stages as verbs
+from experiments.reporting.files import write_png
 from experiments.scenario import Scenario
-from experiments.verbs import stages as verbs
-from scenes import batch, exr
-from scenes.transport import TransportBasis
+from scenes.files import exr
+from scenes.render import batch
+from scenes.render.transport import TransportBasis
 
 Mantis = Callable[..., tuple[int, str, str]]
 
@@ -275,7 +276,7 @@ def test_an_interrupted_write_leaves_the_old_file_and_no_other(
 
     import OpenEXR
 
-    monkeypatch.setattr("experiments.files.cv2.imwrite", half)
+    monkeypatch.setattr("experiments.reporting.files.cv2.imwrite", half)
     monkeypatch.setattr(OpenEXR.File, "write", lambda _self, path: half(path))
     status, _, error = mantis("expose", desk / "basis.exr", desk / "small.toml", "-o", tmp_path / out)
     assert status == (130 if interrupt is KeyboardInterrupt else BAD_INPUT)

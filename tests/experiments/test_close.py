@@ -14,15 +14,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from experiments import chain
-from experiments.close import confirm as close_confirm
-from experiments.close import page as close_page
-from experiments.close import report as close_report
-from experiments.close import study as close
-from experiments.close.constraints import UNCERTAIN, Constraints, at_life, load_constraints
-from experiments.close.form import FINE_DIFFERENCE, PHASE_DIFFERENCE, Sets, closed_form
-from experiments.close.search import RADIOMETRIC, fly, margins, pareto, sets_of
-from experiments.close.sensitivity import interval, ladder, probability
 from experiments.scenario import Scenario, ScenarioError
+from experiments.studies.close import confirm as close_confirm
+from experiments.studies.close import page as close_page
+from experiments.studies.close import report as close_report
+from experiments.studies.close import study as close
+from experiments.studies.close.constraints import UNCERTAIN, Constraints, at_life, load_constraints
+from experiments.studies.close.form import FINE_DIFFERENCE, PHASE_DIFFERENCE, Sets, closed_form
+from experiments.studies.close.search import RADIOMETRIC, fly, margins, pareto, sets_of
+from experiments.studies.close.sensitivity import interval, ladder, probability
 
 DOCS = Path(__file__).parents[2] / "docs"
 _NUMBER = re.compile(r"(?<![\w.])\d+(?:[.,]\d+)*(?:×10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)?")

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments.comparison import study
-from experiments.virtual.targets import load
+from experiments.thesis.comparison import study
+from experiments.thesis.virtual.targets import load
 from radiometry.encoding import RAYLEIGH_MEDIAN
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from detector.sensor import Sensor, presets
+from detector.sensor.sensor import Sensor, presets
 from experiments.scenario import Scenario, load_scenario
-from experiments.validate import crosscheck
+from experiments.studies.validate import crosscheck
 
 
 def _near(size_px: int) -> Scenario:

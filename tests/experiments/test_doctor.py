@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from experiments import doctor
-from experiments.doctor import DEGRADED, FAILED, OK, diagnose
+from experiments.cli import doctor
+from experiments.cli.doctor import DEGRADED, FAILED, OK, diagnose
 from scenes import llvm
 from scenes.llvm import LLVM_VARIANT, SCALAR_VARIANT, Library, Outcome, Verdict
 

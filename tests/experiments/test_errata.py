@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from experiments.cli import main
-from experiments.errata import page as errata_page
-from experiments.errata import study as errata
+from experiments.cli.main import main
+from experiments.thesis.errata import page as errata_page
+from experiments.thesis.errata import study as errata
 from radiometry.thesis import PrintedModel
 
 DOCS = Path(__file__).parents[2] / "docs"

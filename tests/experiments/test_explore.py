@@ -17,14 +17,14 @@ from exploring import Here, answered, exploring, swept
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from detector.sensor import expose
+from detector.sensor.sensor import expose
 from experiments import chain
 from experiments.explore import closed, frame
 from experiments.explore.controls import controls, geometry_of, read_state, scenario_of, write_state, write_value
 from experiments.explore.server import Server
 from experiments.explore.stock import Budgets, Prepared, Stock, Task
-from experiments.glare.fusion import difference
 from experiments.scenario import load_scenario
+from experiments.studies.glare.fusion import difference
 
 #: A median answer on the page within this [ms].
 LIMIT_MS = 100.0

@@ -12,8 +12,8 @@ from exploring import exploring, swept
 from headless import Browser, find_browser
 
 from experiments.explore.server import Server
+from experiments.reporting.formatting import number
 from experiments.scenario import Scenario
-from experiments.wording import number
 
 READY = "document.documentElement.dataset.state === 'ready'"
 SIZES = {"laptop": (1280, 720, False), "phone": (390, 844, True)}

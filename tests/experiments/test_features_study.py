@@ -9,10 +9,10 @@ import pytest
 import xarray as xr
 from scipy.stats import binom
 
-from experiments.features import accuracy, clutter, detection, study, tables
-from experiments.features.calibrations import Trial
-from experiments.features.frames import Case, around_marker
 from experiments.scenario import Scenario, load_scenario
+from experiments.studies.features import accuracy, clutter, detection, study, tables
+from experiments.studies.shared.calibrations import Trial
+from experiments.studies.shared.frames import Case, around_marker
 from scenes.marker import ELEMENT_NAMES
 
 RNG = np.random.default_rng(1)

@@ -12,8 +12,8 @@ import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from experiments.files import read_image, write_netcdf, write_png, write_text
-from scenes import exr
+from experiments.reporting.files import read_image, write_netcdf, write_png, write_text
+from scenes.files import exr
 
 
 def dataset() -> xr.Dataset:

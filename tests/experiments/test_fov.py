@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from experiments.fov import closed_form, figures, page, study
 from experiments.scenario import load_scenario
+from experiments.thesis.fov import closed_form, figures, page, study
 from scenes.marker import MarkerDesign
 
 PLAN = study.Plan((2.0,), (-30.0, 0.0, 30.0), 1, (-40.0, -20.0, 0.0, 30.0, 50.0, 70.0), 300_000)

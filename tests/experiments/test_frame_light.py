@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from experiments import chain
-from experiments.frame_light import mean_frame_rate
 from experiments.scenario import load_scenario
 from radiometry.geometry import FloatArray
+from scenes.projection.frame_light import mean_frame_rate
 
 
 def face_only(points_m: FloatArray, material: str) -> FloatArray:

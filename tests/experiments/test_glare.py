@@ -9,21 +9,21 @@ import pytest
 import xarray as xr
 from scipy import stats
 
-from detector.features import detect_features
-from detector.noise import NoiseModel
-from detector.pair import shifted
-from detector.sensor import Sensor, expose
+from detector.detect import detect_features
+from detector.sensor.noise import NoiseModel
+from detector.sensor.pair import shifted
+from detector.sensor.sensor import Sensor, expose
 from experiments import chain
-from experiments.glare import case as glare_case
-from experiments.glare import conditions
-from experiments.glare import report as glare_report
-from experiments.glare import study as glare
-from experiments.glare.fusion import difference, fused
-from experiments.glare.gallery import worst_frames
-from experiments.glare.geometry import Geometry, MovedView, Stand, at_sun, cropped, render
-from experiments.glare.modes import MODES, Mode, chaser_shadow, pulse_s, rung_exposures_s, take, through
-from experiments.glare.tables import mode_rows, summarise, verdicts, wilson
 from experiments.scenario import Scenario
+from experiments.studies.glare import case as glare_case
+from experiments.studies.glare import conditions
+from experiments.studies.glare import report as glare_report
+from experiments.studies.glare import study as glare
+from experiments.studies.glare.fusion import difference, fused
+from experiments.studies.glare.gallery import worst_frames
+from experiments.studies.glare.geometry import Geometry, MovedView, Stand, at_sun, cropped, render
+from experiments.studies.glare.modes import MODES, Mode, chaser_shadow, pulse_s, rung_exposures_s, take, through
+from experiments.studies.glare.tables import mode_rows, summarise, verdicts, wilson
 
 STAND = Stand(-4, 7, 10, 1)
 

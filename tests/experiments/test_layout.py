@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from experiments.layout import page, study
-from experiments.layout.placement import (
+from experiments.scenario import load_scenario
+from experiments.thesis.layout import page, study
+from experiments.thesis.layout.placement import (
     AREA_SHARE_MAX,
     FARTHEST_M,
     LAYOUTS,
@@ -22,7 +23,6 @@ from experiments.layout.placement import (
     seen_share,
     smallest_face_m,
 )
-from experiments.scenario import load_scenario
 from radiometry.geometry import attitude_matrix
 from radiometry.optics import Camera
 from scenes.face import check_apart, face_view, in_frame

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments import materials_page
-from experiments.cli import main
+from experiments.cli.main import main
 from experiments.scenario import ScenarioError, load_scenario
+from experiments.studies.materials import page as materials_page
 from materials import library
 
 ROOT = Path(__file__).parents[2]

@@ -9,11 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import binom, chi2
 
-from detector import pnp
-from experiments.montecarlo import figures as montecarlo_figures
-from experiments.montecarlo import scenes as pose_scenes
-from experiments.montecarlo import study as montecarlo
-from experiments.montecarlo.errors import Errors, wilson_interval
+from detector.pnp import pnp
+from experiments.thesis.montecarlo import figures as montecarlo_figures
+from experiments.thesis.montecarlo import scenes as pose_scenes
+from experiments.thesis.montecarlo import study as montecarlo
+from experiments.thesis.montecarlo.errors import Errors, wilson_interval
 from radiometry.geometry import attitude_matrix, faces_camera, rotation_angle
 from radiometry.optics import Camera
 

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from detector.camera_calibration import CameraCalibration
-from detector.noise import NoiseModel
+from detector.calibration.camera import CameraCalibration
+from detector.sensor.noise import NoiseModel
 from experiments import chain
-from experiments.physical import arm, camera, page, study
-from experiments.physical.methods import METHODS
-from experiments.statements import Statement
+from experiments.reporting.claims import Statement
+from experiments.thesis.physical import arm, camera, page, study
+from experiments.thesis.physical.methods import METHODS
 from radiometry.geometry import FRONTAL
 from radiometry.laboratory import HalogenSpot, LedClusters
 from radiometry.optics import Camera

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from experiments.power import study
-from experiments.power.emitters import BOARD_C, emitters
 from experiments.scenario import load_scenario
+from experiments.thesis.power import study
+from experiments.thesis.power.emitters import BOARD_C, emitters
 from radiometry.power import PowerPlan
 
 

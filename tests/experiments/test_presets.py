@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from detector.sensor import presets as sensors
-from experiments.presets import SECTIONS, presets, table
+from detector.sensor.sensor import presets as sensors
 from experiments.scenario import Scenario, ScenarioError, json_schema, load_scenario, validate
+from experiments.scenario.presets import SECTIONS, presets, table
 
 
 @pytest.mark.parametrize(("section", "name"), [(s, n) for s in SECTIONS for n in presets(s)])

@@ -9,10 +9,10 @@ import pytest
 
 from experiments import chain
 from experiments.scenario import Scenario, load_scenario
-from scenes.cache import TransportCache
-from scenes.exr import read_basis, write_basis
-from scenes.regions import frame_box, marker_pixels
-from scenes.transport import TransportBasis
+from scenes.files.cache import TransportCache
+from scenes.files.exr import read_basis, write_basis
+from scenes.projection.regions import frame_box, marker_pixels
+from scenes.render.transport import TransportBasis
 
 CROP = ("camera.width_px=64", "camera.height_px=64", "render.marker_rays=400_000")
 

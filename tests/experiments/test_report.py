@@ -23,16 +23,17 @@ from hypothesis import strategies as st
 from matplotlib.figure import Figure as Plot
 from scipy import stats
 
-from experiments import pictures
-from experiments.budget import report as budget_report
-from experiments.budget.figures import detection_interval
-from experiments.budget.report import MAX_PICTURED_RANGES, render_budget_report
-from experiments.errata import section as errata_section
-from experiments.figures import new_figure
-from experiments.report import figure, toml_text
+from experiments.reporting import pictures
+from experiments.reporting.figures import new_figure
+from experiments.reporting.html import figure
 from experiments.scenario import Scenario
-from experiments.tradeoff import report as tradeoff_report
-from experiments.tradeoff import study as tradeoff
+from experiments.scenario.toml import toml_text
+from experiments.studies.budget import report as budget_report
+from experiments.studies.budget.figures import detection_interval
+from experiments.studies.budget.report import MAX_PICTURED_RANGES, render_budget_report
+from experiments.thesis.errata import section as errata_section
+from experiments.thesis.tradeoff import report as tradeoff_report
+from experiments.thesis.tradeoff import study as tradeoff
 
 HOSTILE = """</title><script>alert('1')</script><img src=x onerror=alert(2)> & "quoted" ]]>"""
 VOID = {"meta", "br", "image", "img", "link", "input"}

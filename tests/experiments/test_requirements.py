@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from experiments.layout.placement import THICKNESS_MAX_M
-from experiments.requirements import checks, study
-from experiments.requirements.catalogue import PRINTED, catalogue
-from experiments.requirements.checks import CHECKS, Finding
-from experiments.requirements.evidence import MAKERS, Evidence, Missing
 from experiments.scenario import load_scenario
+from experiments.thesis.layout.placement import THICKNESS_MAX_M
+from experiments.thesis.requirements import checks, study
+from experiments.thesis.requirements.catalogue import PRINTED, catalogue
+from experiments.thesis.requirements.checks import CHECKS, Finding
+from experiments.thesis.requirements.evidence import MAKERS, Evidence, Missing
 
 RESULTS = Path(__file__).parents[2] / "docs" / "data"
 

@@ -12,12 +12,12 @@ import pytest
 import xarray as xr
 from scipy import stats
 
-from experiments import failures
-from experiments.glare.failures import failure_rows
-from experiments.glare.study import FULL
-from experiments.risk import page, study
 from experiments.scenario import Scenario
-from experiments.virtual import judge, summary
+from experiments.studies.glare.failures import failure_rows
+from experiments.studies.glare.study import FULL
+from experiments.studies.shared import failures, judge
+from experiments.thesis.risk import page, study
+from experiments.thesis.virtual import summary
 
 Mantis = Callable[..., tuple[int, str, str]]
 RESULTS = Path(__file__).parents[2] / "docs" / "data"

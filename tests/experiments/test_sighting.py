@@ -9,12 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from detector.features import Features
-from experiments import chain, sighting
-from experiments.files import write_png
+from detector.detect import Features
+from experiments import chain
+from experiments.reporting import detection as sighting
+from experiments.reporting.files import write_png
 from experiments.scenario import Scenario
 from scenes.marker import ELEMENT_NAMES
-from scenes.transport import TransportBasis
+from scenes.render.transport import TransportBasis
 
 KEYS = {"detected", "id", "corners_px", "blobs_px", "virtual_points_px", "pose", "reason"}
 

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from experiments.catalogue import SHOWN, catalogue, row, section_of
-from experiments.keys import find, scenario_keys, sections
-from experiments.presets import SECTIONS
 from experiments.scenario import MATERIAL_KEYS, load_data, load_scenario, validate
-from experiments.starter import SCHEMA_FILE, starter
+from experiments.scenario.catalogue import SHOWN, catalogue, row, section_of
+from experiments.scenario.keys import find, scenario_keys, sections
+from experiments.scenario.presets import SECTIONS
+from experiments.scenario.starter import SCHEMA_FILE, starter
 from materials import library
 
 Mantis = Callable[..., tuple[int, str, str]]

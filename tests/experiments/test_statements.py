@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from experiments.figures import new_figure
-from experiments.statements import HEADINGS, Statement, StudyPage, statement_rows
+from experiments.reporting.claims import HEADINGS, Statement, StudyPage, statement_rows
+from experiments.reporting.figures import new_figure
 
 
 def statement(printed: str, right: float) -> Statement:

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from detector.rectify import ideal_camera, rectified
 from experiments import chain
-from experiments.rectify import ideal_camera, rectified
 from experiments.scenario import Scenario, ScenarioError, json_schema, load_scenario, validate
-from scenes.transport import TransportBasis, View
+from scenes.render.transport import TransportBasis, View
 
 #: Few pixels over a field of 29° by 23°, near enough for the marker to fill half of it.
 NEAR: dict[str, Any] = {

@@ -15,11 +15,11 @@ from hypothesis import strategies as st
 
 from experiments import chain
 from experiments.scenario import ScenarioError
-from experiments.sweep import study, work
-from experiments.sweep.journal import Journal
-from experiments.sweep.plot import draw_slice
-from experiments.sweep.work import software
-from scenes.cache import TransportCache
+from experiments.studies.sweep import study, work
+from experiments.studies.sweep.journal import Journal
+from experiments.studies.sweep.plot import draw_slice
+from experiments.studies.sweep.work import software
+from scenes.files.cache import TransportCache
 
 PLAN = """
 trials = 2
@@ -91,8 +91,8 @@ def test_a_sweep_killed_at_twenty_random_moments_ends_with_the_same_bytes(tmp_pa
     script = """
 import os, random, signal, sys, time
 from pathlib import Path
-from experiments.sweep import journal
-from experiments.sweep import study
+from experiments.studies.sweep import journal
+from experiments.studies.sweep import study
 folder = Path(sys.argv[1])
 plan = study.load_sweep(folder / "sweep.toml")
 appended = folder / "appended.txt"

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from experiments.sweep.dataset import OF_CASES, POSE_COMPONENTS, make_dataset, read_dataset, write_dataset
-from experiments.sweep.plan import Sweep, load_sweep
-from experiments.sweep.plot import draw_slice
-from experiments.trials import VARIABLES
+from experiments.chain.trials import VARIABLES
+from experiments.studies.sweep.dataset import OF_CASES, POSE_COMPONENTS, make_dataset, read_dataset, write_dataset
+from experiments.studies.sweep.plan import Sweep, load_sweep
+from experiments.studies.sweep.plot import draw_slice
 
 GRID = """
 trials = 3

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from experiments.sweep.dispatch import AHEAD, dispatch
+from experiments.studies.sweep.dispatch import AHEAD, dispatch
 
 
 class Died(Exception):

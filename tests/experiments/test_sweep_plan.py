@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments import chain, trials
+from experiments import chain
+from experiments.chain import trials
 from experiments.scenario import ScenarioError, load_scenario
-from experiments.sweep.plan import json_schema, load_sweep
-from experiments.sweep.window import MIN_WINDOW_PX, windowed
-from scenes.transport import render_basis
+from experiments.studies.sweep.plan import json_schema, load_sweep
+from experiments.studies.sweep.window import MIN_WINDOW_PX, windowed
+from scenes.render.transport import render_basis
 
 
 def _load(folder: Path, text: str, *overrides: str):

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from experiments.sweep import study, work
-from experiments.workers import Cluster, Processes
+from experiments.chain.executor import Cluster, Processes
+from experiments.studies.sweep import study, work
 
 PLAN = """
 trials = 2
@@ -60,7 +60,7 @@ def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def journalled(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Cases in the order in which they are written into the journal."""
-    from experiments.sweep.journal import Journal
+    from experiments.studies.sweep.journal import Journal
 
     indices: list[int] = []
     original = Journal.append
@@ -171,7 +171,7 @@ def test_workers_end_with_their_parent(tmp_path: Path) -> None:
     """Rationale: a sweep that is killed leaves no processes behind that hold memory for ever."""
     script = """
 import os, signal
-from experiments.workers import pool
+from experiments.chain.executor import pool
 if __name__ == "__main__":
     with pool(os.getpid, 2) as submit:
         print(submit().result(), flush=True)
@@ -201,7 +201,7 @@ def test_a_full_disk_ends_the_sweep_in_one_line_and_resume_goes_on(
     script = """
 import resource, sys
 resource.setrlimit(resource.RLIMIT_FSIZE, (8_000, resource.RLIM_INFINITY))
-from experiments.cli import main
+from experiments.cli.main import main
 sys.exit(main(sys.argv[1:]))
 """
     command = [sys.executable, "-c", script, "sweep", tmp_path / "sweep.toml", "--out", tmp_path / "out.nc"]

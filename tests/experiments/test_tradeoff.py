@@ -8,8 +8,8 @@ import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from experiments.tradeoff import ahp
-from experiments.tradeoff import study as tradeoff
+from experiments.thesis.tradeoff import ahp
+from experiments.thesis.tradeoff import study as tradeoff
 
 ratio = st.floats(1 / 9, 9)
 positive = st.floats(0.05, 1.0)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from experiments import trials
+from experiments.chain import trials
 
 
 @pytest.mark.parametrize("signal", [5.0, 30.0, 100.0, 1000.0, 10_000.0])

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from detector.sensor import Sensor, moments
+from detector.sensor.sensor import Sensor, moments
 from experiments import chain
 from experiments.scenario import load_scenario
-from experiments.validate import crosscheck, study
-from experiments.validate import figures as validate_figures
-from experiments.validate import tables as validate_tables
-from experiments.validate.study import (
+from experiments.studies.validate import crosscheck, study
+from experiments.studies.validate import figures as validate_figures
+from experiments.studies.validate import tables as validate_tables
+from experiments.studies.validate.study import (
     COARSE_TOLERANCE,
     DIMS,
     FINE_TOLERANCE,
@@ -27,8 +27,8 @@ from experiments.validate.study import (
     validate,
     why_not,
 )
-from experiments.visible_marker import hidden_face, visible_tape
 from radiometry import link
+from scenes.projection.visible import hidden_face, visible_tape
 
 PLAN = Plan((2.5, 20.0), (0.05,), (40.0,), (45.0, 75.0), draws=16, rays=200_000)
 
@@ -146,7 +146,7 @@ def test_the_marker_hides_more_of_the_face_from_the_sun() -> None:
 
 
 def test_figures_and_table_hold_every_cell(dataset: xr.Dataset, tmp_path: Path) -> None:
-    from experiments.figures import save_svg
+    from experiments.reporting.figures import save_svg
 
     for n, figure in enumerate((validate_figures.agreement(dataset), validate_figures.error_budget(dataset))):
         assert save_svg(figure, tmp_path / f"{n}.svg").stat().st_size > 10_000

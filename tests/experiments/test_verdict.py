@@ -12,10 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.console import Console
 
-from experiments.budget.advice import exposure_windows
-from experiments.budget.verdict import MEASURES, summarise
-from experiments.console import budget_table, verdict_panel
-from experiments.wording import factor, number, ranges_text, seconds_text
+from experiments.cli.console import budget_table, verdict_panel
+from experiments.reporting.formatting import factor, number, ranges_text, seconds_text
+from experiments.studies.budget.advice import exposure_windows
+from experiments.studies.budget.verdict import MEASURES, summarise
 from radiometry import link
 from radiometry.closure import CRITERIA
 

@@ -15,11 +15,12 @@ from hypothesis import strategies as st
 
 from experiments import chain
 from experiments.scenario import Scenario
-from experiments.virtual import summary, targets, trackers
-from experiments.virtual.judge import FAILURES, VARIABLES, WRONG_CORNER, Truth, tilt_deg
-from experiments.virtual.study import batches, look, quality, study
-from experiments.virtual.targets import Run
-from experiments.virtual.trackers import Sight
+from experiments.studies.shared import trackers
+from experiments.studies.shared.judge import FAILURES, VARIABLES, WRONG_CORNER, Truth, tilt_deg
+from experiments.studies.shared.trackers import Sight
+from experiments.thesis.virtual import summary, targets
+from experiments.thesis.virtual.study import batches, look, quality, study
+from experiments.thesis.virtual.targets import Run
 from radiometry.geometry import attitude_matrix
 from scenes.marker import ELEMENT_NAMES, MarkerDesign
 from scenes.tags import DotPlate
@@ -247,7 +248,7 @@ def test_finished_runs_are_not_run_again_and_others_do_not_change(
     study(scenario, [first], 1, keep=tmp_path)
     both = study(scenario, [first, second], 1, keep=tmp_path)
     np.testing.assert_array_equal(both.pitch_error_deg.values[-1], alone.pitch_error_deg.values[0])
-    monkeypatch.setattr("experiments.virtual.study.look", None)
+    monkeypatch.setattr("experiments.thesis.virtual.study.look", None)
     again = study(scenario, [first, second], 1, keep=tmp_path)
     xr.testing.assert_equal(again, both)
 

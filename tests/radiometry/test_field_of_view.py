@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from detector.slits import Slits
+from detector.elements.slits import Slits
 from radiometry import field_of_view as fov
 from radiometry.geometry import attitude_matrix
 from scenes.marker import MarkerDesign

@@ -10,8 +10,7 @@ from pydantic import ValidationError
 from scipy import constants
 
 from radiometry import link
-from radiometry.optics import Camera, electrons_per_joule, etendue_m2_sr
-from radiometry.repairs import (
+from radiometry.corrections import (
     LED,
     NOISE_IN_QUADRATURE,
     REPAIRS,
@@ -22,6 +21,7 @@ from radiometry.repairs import (
     repaired,
     waterfall,
 )
+from radiometry.optics import Camera, electrons_per_joule, etendue_m2_sr
 from radiometry.sources import LedRing
 from radiometry.thesis import PrintedModel
 

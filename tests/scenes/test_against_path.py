@@ -13,12 +13,12 @@ from scipy.stats import t as student
 from radiometry.geometry import FloatArray
 from radiometry.optics import Camera
 from radiometry.sources import LedRing, Sun
-from scenes import stock
-from scenes.exr import write_channels
+from scenes.files.exr import write_channels
 from scenes.marker import MarkerDesign
-from scenes.stock import render_subpixels
+from scenes.render import stock
+from scenes.render.stock import render_subpixels
+from scenes.render.transport import LIGHTS, Quality, Region, View, render_basis
 from scenes.target import Target
-from scenes.transport import LIGHTS, Quality, Region, View, render_basis
 
 NODE_NM = 807
 CAMERA = Camera(width_px=48, height_px=40, pixel_pitch_y_m=8.6e-6)

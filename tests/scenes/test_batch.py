@@ -15,12 +15,12 @@ import pytest
 
 from radiometry.optics import Camera
 from radiometry.sources import Earth, LedRing, Sun
-from scenes import batch
-from scenes.cache import checksum
+from scenes.files.cache import checksum
 from scenes.marker import MarkerDesign
-from scenes.regions import marker_box
+from scenes.projection.regions import marker_box
+from scenes.render import batch
+from scenes.render.transport import Quality, TransportBasis, View, render_bases, render_basis, render_cases
 from scenes.target import Target
-from scenes.transport import Quality, TransportBasis, View, render_bases, render_basis, render_cases
 
 NODES = (807, 833, 867, 893)
 CAMERA = Camera(width_px=48, height_px=40)
@@ -154,8 +154,8 @@ def test_a_view_renders_to_the_same_bits_however_many_threads_blas_has(alone: li
     code = (
         "import sys; sys.path[:0] = ['tests/scenes']\n"
         "from test_batch import QUALITY, VIEWS\n"
-        "from scenes.cache import checksum\n"
-        "from scenes.transport import render_bases\n"
+        "from scenes.files.cache import checksum\n"
+        "from scenes.render.transport import render_bases\n"
         "print(*(checksum(basis) for basis in render_bases(VIEWS[:3], QUALITY)))"
     )
     done = subprocess.run(

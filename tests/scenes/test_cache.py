@@ -10,10 +10,10 @@ import pytest
 
 from radiometry.optics import Camera
 from radiometry.sources import LedRing, Sun
-from scenes import cache
+from scenes.files import cache
 from scenes.marker import MarkerDesign
+from scenes.render.transport import Quality, TransportBasis, View
 from scenes.target import Target
-from scenes.transport import Quality, TransportBasis, View
 
 CAMERA = Camera(width_px=48, height_px=40, focal_length_m=2e-3)
 QUALITY = Quality(1, 10_000, 1)

@@ -11,11 +11,11 @@ import pytest
 from materials import library
 from radiometry.optics import Camera
 from radiometry.sources import LedRing, Sun
-from scenes import image
-from scenes.carriers import carriers
 from scenes.marker import MarkerDesign
+from scenes.render import image
+from scenes.render.carriers import carriers
+from scenes.render.transport import Quality, View, render_basis
 from scenes.target import Target
-from scenes.transport import Quality, View, render_basis
 
 NODES = (803, 815, 834, 858, 881, 892, 895, 897)
 TARGET = Target(pitch_deg=10, yaw_deg=-8)

@@ -10,12 +10,12 @@ from scipy.stats import chi2
 
 from radiometry.optics import Camera
 from radiometry.sources import LedRing, Sun
-from scenes import density
-from scenes.image import ViewImage
 from scenes.marker import MarkerDesign
-from scenes.regions import frame_box, marker_pixels
+from scenes.projection.regions import frame_box, marker_pixels
+from scenes.render import density
+from scenes.render.image import ViewImage
+from scenes.render.transport import LIGHTS, Quality, View, render_cases
 from scenes.target import Target
-from scenes.transport import LIGHTS, Quality, View, render_cases
 
 #: A marker of 37 px of ArUco at 3.3 m.
 VIEW = View(

@@ -16,13 +16,13 @@ from radiometry.earth import earth_transport
 from radiometry.geometry import FloatArray
 from radiometry.optics import Camera
 from radiometry.sources import Earth, LedRing, Sun
-from scenes import cache
-from scenes.exr import read_basis, write_basis
+from scenes.files import cache
+from scenes.files.exr import read_basis, write_basis
 from scenes.marker import MarkerDesign
-from scenes.regions import marker_box
-from scenes.stock import render_subpixels
+from scenes.projection.regions import marker_box
+from scenes.render.stock import render_subpixels
+from scenes.render.transport import Quality, Region, View, render_basis
 from scenes.target import Target
-from scenes.transport import Quality, Region, View, render_basis
 
 NODES = (807, 833, 867, 893)
 #: 30° off the axis at the corners, square pixels, no point spread.

@@ -10,11 +10,11 @@ import pytest
 
 from radiometry.optics import Camera
 from radiometry.sources import Earth, LedRing, Sun
-from scenes import image, lattice
 from scenes.marker import MarkerDesign
-from scenes.regions import even_pixels, marker_box
+from scenes.projection.regions import even_pixels, marker_box
+from scenes.render import image, lattice
+from scenes.render.transport import Quality, View, render_basis
 from scenes.target import Target
-from scenes.transport import Quality, View, render_basis
 
 CAMERA = Camera(width_px=96, height_px=96)
 VIEW = View(

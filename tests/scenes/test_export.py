@@ -14,10 +14,10 @@ from radiometry.geometry import FloatArray
 from radiometry.optics import Camera, node_weights
 from radiometry.sources import LedRing, Sun
 from radiometry.spectrum import Spectrum, constant
-from scenes.export import export_scene
+from scenes.files.export import export_scene
 from scenes.marker import MarkerDesign
+from scenes.render.transport import LIGHTS, Quality, View, render_basis
 from scenes.target import Target
-from scenes.transport import LIGHTS, Quality, View, render_basis
 
 VIEW = View(
     # Square pixels, so that the exported image covers the same field; a marker of 24 px on flat foil, so that the image is even

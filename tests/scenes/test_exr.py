@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from scenes.atomic import atomic_write
-from scenes.exr import read_basis, read_channels, write_basis, write_channels
-from scenes.transport import TransportBasis
+from scenes.files.exr import read_basis, read_channels, write_basis, write_channels
+from scenes.render.transport import TransportBasis
 
 NODES = (807, 833, 867, 893)
 

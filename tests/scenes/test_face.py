@@ -11,7 +11,7 @@ from experiments import chain
 from experiments.scenario import Scenario, load_scenario
 from scenes.face import PlacedMarker, check_apart, face_view, in_frame, render_face
 from scenes.marker import MarkerDesign
-from scenes.transport import Quality, render_basis
+from scenes.render.transport import Quality, render_basis
 
 LEFT, RIGHT = PlacedMarker(MarkerDesign(), (-0.09, 0.02)), PlacedMarker(MarkerDesign(identity=1), (0.09, -0.02))
 

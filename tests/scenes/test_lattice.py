@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from radiometry.optics import pixel_profile_integral
-from scenes.lattice import axis_weights, generator, points, reach_px, weights
+from scenes.render.lattice import axis_weights, generator, points, reach_px, weights
 
 COUNTS = st.sampled_from([1, 2, 4, 8, 16, 48, 64, 192, 512])
 SHIFTS = st.tuples(st.floats(0, 1, exclude_max=True), st.floats(0, 1, exclude_max=True)).map(np.array)

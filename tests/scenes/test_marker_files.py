@@ -9,8 +9,8 @@ import struct
 import numpy as np
 import pytest
 
+from scenes.files.marker_files import body_solids, feature_points, tape_sheet, write_marker_files
 from scenes.marker import MarkerDesign
-from scenes.marker_files import body_solids, feature_points, tape_sheet, write_marker_files
 
 MARKERS = [
     MarkerDesign(),
@@ -52,7 +52,7 @@ def test_every_solid_is_closed_and_wound_outwards(marker, tmp_path):
 def test_solids_leave_exactly_the_slits_open(marker):
     """Sum of the solids' volumes = bounding box minus the slits, which are prisms between front and floor."""
     solids = body_solids(marker)
-    from scenes.marker_files import _FACES
+    from scenes.files.marker_files import _FACES
 
     total = sum(_volume(solid[_FACES]) for solid in solids)
     e = marker.elements[0]

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from scenes.marker import MarkerDesign
+from scenes.render.scene import World
 from scenes.target import Target
 from scenes.view import MM_PER_M
-from scenes.world import World
 
 DESIGNS = {
     "default": MarkerDesign(),

@@ -14,12 +14,12 @@ from scipy.stats import t as student
 
 from radiometry.optics import Camera
 from radiometry.sources import LedRing, Sun
-from scenes import stock
-from scenes.exr import read_basis
+from scenes.files.exr import read_basis
 from scenes.llvm import FORCED_VARIANT, SCALAR_VARIANT
 from scenes.marker import MarkerDesign
+from scenes.render import stock
+from scenes.render.transport import LIGHTS, Region, View
 from scenes.target import Target
-from scenes.transport import LIGHTS, Region, View
 
 ROOT = Path(__file__).parents[2]
 VIEW = View(
@@ -29,8 +29,8 @@ VIEW = View(
 SEEDS = 20
 RENDER = """
 import pickle, sys
-from scenes.exr import write_basis
-from scenes.transport import Quality, render_basis
+from scenes.files.exr import write_basis
+from scenes.render.transport import Quality, render_basis
 import mitsuba as mi
 basis = render_basis(pickle.load(open(sys.argv[1], "rb")), Quality(frame_samples=2, marker_rays=1, seed=1))
 basis.attributes["variant"] = mi.variant()

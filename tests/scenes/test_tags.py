@@ -12,8 +12,8 @@ from experiments import chain
 from experiments.scenario import Scenario
 from radiometry.geometry import FloatArray
 from scenes.marker import Mesh
+from scenes.render.transport import Quality, render_basis
 from scenes.tags import DotPlate, TagPlate, view_of
-from scenes.transport import Quality, render_basis
 
 TAGS = [TagPlate(side_m=0.1), TagPlate(side_m=0.1, dictionary="APRILTAG_36h11", identity=3)]
 

@@ -14,9 +14,9 @@ from radiometry.link import reflective_fill, ring_transport, sun_transport
 from radiometry.optics import Camera
 from radiometry.sources import LedRing, Sun
 from scenes.marker import MarkerDesign
-from scenes.regions import marker_box
+from scenes.projection.regions import marker_box
+from scenes.render.transport import LIGHTS, Quality, View, render_basis
 from scenes.target import Target
-from scenes.transport import LIGHTS, Quality, View, render_basis
 
 NODES = (807, 833, 867, 893)
 #: A corner of a real camera: few pixels, its pitches and focal length unchanged.

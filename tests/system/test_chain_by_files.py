@@ -12,11 +12,12 @@ import cv2
 import numpy as np
 import pytest
 
-from experiments import chain, sighting
-from experiments.cli import plain
+from experiments import chain
+from experiments.reporting import detection as sighting
+from experiments.reporting.plain import plain
 from experiments.scenario import Scenario
-from scenes import exr
-from scenes.transport import TransportBasis
+from scenes.files import exr
+from scenes.render.transport import TransportBasis
 
 Mantis = Callable[..., tuple[int, str, str]]
 

@@ -14,12 +14,13 @@ from scipy import constants
 from scipy.integrate import quad
 from scipy.stats import binom, norm
 
-from detector.sensor import collected_moments, moments
-from experiments import chain, trials
+from detector.sensor.sensor import collected_moments, moments
+from experiments import chain
+from experiments.chain import trials
 from experiments.scenario import Scenario, load_scenario
 from materials import library
 from radiometry import link
-from scenes.transport import TransportBasis
+from scenes.render.transport import TransportBasis
 
 #: Standard errors within which 36 figures (mean and variance of numbers and charge, nine cases) lie together with 99.9 %.
 Z999 = float(norm.isf(0.001 / 2 / 36))

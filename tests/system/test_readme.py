@@ -28,11 +28,11 @@ from typing import Any
 import click
 import pytest
 
-from experiments import cli
-from experiments.budget import report
-from experiments.close.constraints import load_constraints
+from experiments.cli import main as cli
 from experiments.scenario import load_scenario
-from experiments.sweep.study import load_sweep
+from experiments.studies.budget import report
+from experiments.studies.close.constraints import load_constraints
+from experiments.studies.sweep.study import load_sweep
 from materials import library
 
 ROOT = Path(__file__).parents[2]

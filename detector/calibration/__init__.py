@@ -1,0 +1,1 @@
+"""Calibration from images: where a marker's elements stand, and a camera by a board."""

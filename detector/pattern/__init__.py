@@ -1,0 +1,1 @@
+"""The ArUco pattern: candidates, their bits, and the corners of the best."""

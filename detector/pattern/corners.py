@@ -1,0 +1,267 @@
+"""Sub-pixel corners: one maximum-likelihood fit of the printed pattern's analytic image to the pixels around the ArUco.
+
+Every edge of the bits, of the border and of the ring pulls on one homography, so the fit comes near the Cramér–Rao
+bound, and the inverse of its information matrix is the covariance of the corners. A saturated pixel is a censored
+reading: it only says that the model should reach the saturation level. Where the light is uneven over the marker, both
+levels get a slope along x and along y, and the bright one a curvature.
+
+The ring's outer edge, the outermost that is sharp, is among them: without it corners would scatter 1.6 times as much, and twice
+at 2 px a bit. The outline of the whole marker is not: where the background is a tenth as bright as the tape it would add 5 %
+even if that light were even, and before foil it is neither even nor known (tests/detector/test_corners.py).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from detector.pattern.corner_fit import CURVED, LEVELS, SLOPING, add_readings, corner_covariance, descend, last_step
+from detector.pattern.pattern import (
+    CLEARANCE,
+    KNOWING_REACH,
+    NOWHERE,
+    SQUARE,
+    Pattern,
+    homography,
+    project,
+    select_pixels,
+)
+from detector.sensor.noise import NoiseModel
+from radiometry.geometry import FloatArray
+
+#: Pixels of the descent, which only has to come close, and the most of the last step, which takes all that they know: beyond,
+#: edges are resolved far better than the optics are known.
+DESCENT_PIXELS, MAX_PIXELS = 250, 6000
+#: Last steps at most.
+MAX_LAST_STEPS = 6
+#: A step below this is the last [px]: what it leaves is of second order. So is one that lowers chi-square by little: it is a
+#: small part of the noise.
+LAST_PX, LAST_CHI2 = 0.06, 0.5
+#: After a longer step, other pixels know where the edges are [px].
+ELSEWHERE_PX = 0.5
+#: Curved light is fitted where the reduced chi-square of sloping light is worse than this, as with the Sun so near the camera's
+#: axis that the tape returns it.
+CURVED_FROM = 1.5
+#: What is left unexplained beyond this reduced chi-square is alike over many pixels: it widens the covariance as if so many were
+#: one. Measured on ray-traced frames with the Sun 1 to 4 deg behind the camera.
+MISFIT_FROM, MISFIT_CORRELATION = 4.0, 10.0
+
+
+@dataclass(frozen=True)
+class Descent:
+    """Where a fit ended: homography (3, 3) relative to an origin (2,), information about it and the levels, and result."""
+
+    origin: FloatArray
+    matrix: FloatArray
+    normal: FloatArray
+    result: FloatArray
+
+
+@dataclass(frozen=True)
+class PatternFit:
+    """The pattern fitted to an image; the corners in the marker's own order, top left first, clockwise."""
+
+    matrix: FloatArray  # plane -> image, (3, 3)
+    corners_px: FloatArray  # (4, 2)
+    covariance_px2: FloatArray  # of the eight coordinates x0, y0, x1, ..., (8, 8)
+    levels_dn: (
+        FloatArray  # see `white_dn` and `black_dn`; then the slopes of either by x and y [DN per plane unit], (6,)
+    )
+    reduced_chi2: float
+    unexplained: float  # variance left beyond the noise, over the variance explained
+    significance: float  # the pattern's variance in noise standard deviations
+    descent: Descent  # where the fit ended, for `refined`
+
+    @property
+    def white_dn(self) -> float:
+        """Amplitude at the centre: a reflective cell over an absorbing one [DN]."""
+        return float(self.levels_dn[0])
+
+    @property
+    def black_dn(self) -> float:
+        """Level of an absorbing cell at the centre [DN]."""
+        return float(self.levels_dn[1])
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Pixels to fit: places relative to an origin, readings, and what is known of their noise."""
+
+    columns: FloatArray
+    rows: FloatArray
+    data: FloatArray
+    saturated: NDArray[np.bool_]
+    extra: FloatArray  # variance beyond the noise model's [DN²]
+    noise: FloatArray  # see `noise_numbers`
+
+
+def noise_numbers(noise: NoiseModel) -> FloatArray:
+    """Read variance [DN²], gain [DN/e⁻], offset and level of saturation [DN], for the kernels."""
+    limit = min(noise.saturated_above_dn, 1e300)
+    return np.array([noise.read_noise_dn**2, noise.gain_dn_per_electron, noise.offset_dn, limit])
+
+
+def gather(image: np.ndarray, columns: NDArray[np.int64], rows: NDArray[np.int64]) -> FloatArray:
+    """Pixel values (n,) as real numbers."""
+    return np.asarray(image[rows, columns], float)
+
+
+def sample(
+    image: np.ndarray, columns: NDArray[np.int64], rows: NDArray[np.int64], origin: FloatArray, noise: NoiseModel
+) -> Samples:
+    """Readings of some pixels (n,), without those that say nothing."""
+    if noise.extra_variance_dn2 is None:
+        extra = np.zeros(len(columns))
+    else:
+        extra = noise.extra_variance_dn2[rows, columns]
+        readable = np.isfinite(extra)
+        columns, rows, extra = columns[readable], rows[readable], np.asarray(extra[readable], float)
+    data = gather(image, columns, rows)
+    saturated = data >= noise.saturated_above_dn
+    return Samples(columns - origin[0], rows - origin[1], data, saturated, extra, noise_numbers(noise))
+
+
+def fit_pattern(
+    image: np.ndarray,
+    pattern: Pattern,
+    corners_px: FloatArray,
+    sigma_px: float,
+    noise: NoiseModel,
+    blur_px: float = 0.0,
+) -> PatternFit | None:
+    """Fit from approximate corners (4, 2); None where it diverges or the pattern leaves the image.
+
+    Corners seen through a blur of `blur_px` may be further off than an edge is wide: then a model blurred as much draws
+    them in first. Blurring both sides of an edge alike leaves it where it is.
+    """
+    origin = np.round(corners_px.mean(0))
+    matrix = homography(corners_px - origin)
+    levels = np.zeros(len(LEVELS))
+    blurred = float(np.hypot(sigma_px, blur_px))
+    for sigma in (blurred, sigma_px) if blur_px > sigma_px else (sigma_px,):
+        few = _sample_pattern(image, pattern, matrix, origin, sigma_px, noise, DESCENT_PIXELS)
+        if few is None or not descend(*_arguments(few), sigma, pattern.lines, pattern.cells, matrix, levels):
+            return None
+    fit = _last_steps(image, pattern, matrix, levels, origin, sigma_px, noise, SLOPING)
+    if fit is None or fit.reduced_chi2 < CURVED_FROM:
+        return fit
+    return _last_steps(image, pattern, matrix, levels, origin, sigma_px, noise, CURVED) or fit
+
+
+def _last_steps(
+    image: np.ndarray,
+    pattern: Pattern,
+    matrix: FloatArray,
+    levels: FloatArray,
+    origin: FloatArray,
+    sigma_px: float,
+    noise: NoiseModel,
+    parameters: int,
+) -> PatternFit | None:
+    """The fit's end from near it, on `matrix` and `levels` in place; None where there is none."""
+    normal, result = np.empty((parameters, parameters)), np.empty(4)
+    samples = None
+    for _ in range(MAX_LAST_STEPS):
+        # The same pixels as long as they are near the edges: others would bring other noise, and no end.
+        samples = samples or _sample_pattern(image, pattern, matrix, origin, sigma_px, noise, MAX_PIXELS)
+        if samples is None:
+            return None
+        moved_px, gain, count = last_step(
+            *_arguments(samples), sigma_px, pattern.lines, pattern.cells, matrix, levels, normal, result
+        )
+        if not moved_px >= 0:
+            return None
+        if moved_px < LAST_PX or gain < LAST_CHI2:
+            return _finish(matrix.copy(), levels.copy(), normal[:count, :count].copy(), result, origin)
+        if moved_px > ELSEWHERE_PX:
+            samples = None
+    return None
+
+
+def _arguments(
+    samples: Samples,
+) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.bool_], FloatArray, FloatArray]:
+    return samples.columns, samples.rows, samples.data, samples.saturated, samples.extra, samples.noise
+
+
+def _sample_pattern(
+    image: np.ndarray,
+    pattern: Pattern,
+    matrix: FloatArray,
+    origin: FloatArray,
+    sigma_px: float,
+    noise: NoiseModel,
+    most: int,
+) -> Samples | None:
+    """The pixels that know where the edges are; None where they are too few."""
+    columns, rows = _edge_pixels(image, pattern, moved(matrix, origin), sigma_px, most, NOWHERE, pattern.openings)
+    samples = sample(image, columns, rows, origin, noise)
+    return samples if len(samples.data) >= 60 else None
+
+
+def _edge_pixels(
+    image: np.ndarray,
+    pattern: Pattern,
+    matrix: FloatArray,
+    sigma_px: float,
+    most: int,
+    only: FloatArray,
+    never: FloatArray,
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Pixels near the pattern's edges; see `select_pixels`. They end well inside the marker's outline."""
+    height, width = image.shape
+    corner = project(matrix, SQUARE[:2] * pattern.outline)
+    room_px = math.dist(*corner) * (1 - pattern.ring / pattern.outline) / 2 - CLEARANCE * sigma_px
+    margin_px = -min(KNOWING_REACH * sigma_px, room_px)
+    columns, rows = select_pixels(
+        matrix, pattern.ring, height, width, margin_px, float(most), pattern.lines, sigma_px, only, never
+    )
+    return columns, rows
+
+
+def refined(
+    fit: PatternFit, image: np.ndarray, pattern: Pattern, blobs: FloatArray, sigma_px: float, noise: NoiseModel
+) -> PatternFit:
+    """The fit with what the pixels beside the elements know of the ring's outer edge, once it is known where they are bright.
+
+    `blobs` (4, 4): rectangles x0, x1, y0, y1 of the plane that blobs may light.
+    """
+    start = fit.descent
+    columns, rows = _edge_pixels(image, pattern, fit.matrix, sigma_px, MAX_PIXELS, pattern.openings, blobs)
+    samples = sample(image, columns, rows, start.origin, noise)
+    if not len(samples.data):
+        return fit
+    matrix, levels, normal, result = start.matrix.copy(), fit.levels_dn.copy(), start.normal.copy(), start.result.copy()
+    moved_px = add_readings(
+        *_arguments(samples), sigma_px, pattern.lines, pattern.cells, matrix, levels, normal, result
+    )
+    # Far off, the light is none that the pattern explains.
+    found = _finish(matrix, levels, normal, result, start.origin) if 0 <= moved_px < ELSEWHERE_PX else None
+    return found or fit
+
+
+def moved(matrix: FloatArray, origin: FloatArray) -> FloatArray:
+    """The homography (3, 3) whose images lie further by `origin` (2,) [px]."""
+    absolute = matrix.copy()
+    absolute[:2] += origin[:, None] * matrix[2]
+    return absolute / absolute[2, 2]
+
+
+def _finish(
+    matrix: FloatArray, levels: FloatArray, normal: FloatArray, result: FloatArray, origin: FloatArray
+) -> PatternFit | None:
+    _, chi2, active, explained = result
+    reduced = float(chi2 / max(active - len(normal), 1))
+    corners, joint = np.empty((4, 2)), np.empty((8, 8))
+    misfit = MISFIT_CORRELATION * max(reduced - MISFIT_FROM, 0.0)
+    if not corner_covariance(matrix, normal, max(1.0, reduced) + misfit, corners, joint):
+        return None
+    unexplained = max(chi2 - active, 0.0) / explained if explained > 0 else np.inf
+    descent = Descent(origin, matrix, normal, result)
+    return PatternFit(
+        moved(matrix, origin), corners + origin, joint, levels, reduced, float(unexplained),
+        math.sqrt(max(explained, 0.0)), descent,
+    )  # fmt: skip

@@ -1,0 +1,1 @@
+"""Pose from points by published solvers, each by itself: a subject of study, not used by the detector."""

@@ -1,0 +1,1 @@
+"""Pose, its covariance and its bounds, from corners and blobs."""

@@ -1,0 +1,1 @@
+"""The sensor: charge, noise and digital numbers, and what their noise is in an image."""

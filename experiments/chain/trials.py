@@ -1,0 +1,197 @@
+"""Noise draws of one case: what the bits, the detector and the pose solver give over many frames of one exposure.
+
+A case is a scenario's geometry, an illumination and an exposure. Every study that repeats frames calls `draw`.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from detector.detect import Features
+from detector.sensor.sensor import Sensor, usable_well
+from experiments.chain.detection import look, pose_errors
+from experiments.chain.exposure import take_frame
+from experiments.chain.link_budget import LinkBudget
+from experiments.chain.view import view
+from experiments.scenario import Scenario
+from radiometry.geometry import FloatArray
+from radiometry.thesis import PrintedModel
+from scenes.projection.bits import bit_pixels
+
+#: Reports progress: cases done, cases in all, what is being worked on.
+Progress = Callable[[int, int, str], None]
+
+#: Rows and columns of some pixels.
+Pixels = tuple[NDArray[np.intp], NDArray[np.intp]]
+#: Pixels of each bit.
+BitPixels = list[Pixels]
+
+#: What is known of a case: unit and long name.
+VARIABLES: dict[str, tuple[str, str]] = {
+    "exposure_s": ("s", "exposure"),
+    "signal_analytic": ("electron", "signal of a bright bit, closed form"),
+    "background_analytic": ("electron", "signal of a neighbouring dark cell, closed form"),
+    "snr_analytic": ("1", "signal-to-noise ratio of a bright bit, closed form"),
+    "cnr_analytic": ("1", "contrast-to-noise ratio of a bit, closed form"),
+    "signal_expected": ("electron", "signal of a bright bit, rendered, before noise and clipping"),
+    "background_expected": ("electron", "signal of a neighbouring dark cell, rendered, before noise and clipping"),
+    "signal_rendered": ("electron", "signal of a bright bit, mean over the noise draws of the rendered frames"),
+    "background_rendered": ("electron", "signal of a neighbouring dark cell, mean over the noise draws"),
+    "snr_rendered": ("1", "signal-to-noise ratio over the noise draws; missing where bits saturate"),
+    "snr_rendered_ci95": ("1", "half width of the 95 % interval of snr_rendered"),
+    "cnr_rendered": ("1", "contrast-to-noise ratio over the noise draws; missing where bits saturate"),
+    "cnr_rendered_ci95": ("1", "half width of the 95 % interval of cnr_rendered"),
+    "snr_thesis": ("1", "signal-to-noise ratio by the thesis's formula as printed, its own 5 mm bit"),
+    "full_well_fraction": ("1", "expected signal of a bright bit over the usable well"),
+    "saturated_fraction": ("1", "share of bright-bit pixels that saturate"),
+    "smear_px": ("pixel", "motion of the target during the exposure"),
+    "detected_fraction": ("1", "share of frames in which the marker is found"),
+    "attitude_error_p95_deg": ("degree", "95th percentile of the attitude error"),
+    "range_error_p95": ("1", "95th percentile of the range error over range"),
+}
+
+
+@dataclass(frozen=True)
+class Trials:
+    """Results of the noise draws of one range, illumination and exposure.
+
+    Attributes:
+        values: statistics over the draws, by the names of `VARIABLES`.
+        detected, attitude_error_deg, range_error: of each draw; errors are NaN without a pose.
+        pose_covariance: mean of what the solver states, (6, 6) of (ω, δt) as `detector.pose.pose.Pose.covariance` [rad, m]; NaN where
+            no draw gave a pose.
+        reason: what most draws miss and why, and in how many of them something is missing; empty where nothing is.
+        frame, features: of the first draw.
+    """
+
+    values: dict[str, float]
+    detected: NDArray[np.bool_]
+    attitude_error_deg: FloatArray
+    range_error: FloatArray
+    pose_covariance: FloatArray
+    reason: str
+    frame: NDArray[np.uint16]
+    features: Features
+
+
+def known_values(
+    scenario: Scenario, light: str, budget: LinkBudget, rate: FloatArray, seconds: list[float]
+) -> dict[str, list[float]]:
+    """Per exposure, what needs no noise: closed form, thesis, and the rendered expectation."""
+    scene_view, marker, printed = view(scenario), scenario.marker, PrintedModel()
+    signal_rate = _mean_over_bits(rate, bit_pixels(scene_view, marker.white_bit_centres_m()))
+    background_rate = _mean_over_bits(rate, bit_pixels(scene_view, marker.black_bit_centres_m()))
+    values: dict[str, list[float]] = {name: [] for name in VARIABLES}
+    for t in seconds:
+        analytic = budget.at(t)
+        values["exposure_s"].append(t)
+        for name in ("signal", "background", "snr", "cnr"):
+            values[f"{name}_analytic"].append(analytic[name])
+        values["signal_expected"].append(signal_rate * t)
+        values["background_expected"].append(background_rate * t)
+        values["full_well_fraction"].append((signal_rate * t + analytic["dark"]) / usable_well(scenario.sensor))
+        values["smear_px"].append(analytic["smear_px"])
+        values["snr_thesis"].append(float(printed.snr(scenario.range_m, t, sun=light == "sun")))
+    return {name: v for name, v in values.items() if v}
+
+
+def _mean_over_bits(image: FloatArray, pixels: BitPixels) -> float:
+    """Mean over bits of the mean over each bit's pixels; NaN where none is in the frame."""
+    seen = [image[p].mean() for p in pixels if len(p[0])]
+    return float(np.mean(seen)) if seen else np.nan
+
+
+def draw(scenario: Scenario, rate: FloatArray, light: str, seconds: list[float]) -> list[Trials]:
+    """Noise draws of every exposure: statistics of the bits, detection and pose."""
+    return list(draws(scenario, rate, light, seconds))
+
+
+def draws(scenario: Scenario, rate: FloatArray, light: str, seconds: list[float]) -> Iterator[Trials]:
+    """`draw`, one exposure after the other as they are asked for."""
+    scene_view, marker = view(scenario), scenario.marker
+    white = bit_pixels(scene_view, marker.white_bit_centres_m())
+    black = bit_pixels(scene_view, marker.black_bit_centres_m())
+    for t in seconds:
+        yield _draw_exposure(scenario, rate, light, t, _index(white), _index(black))
+
+
+def _draw_exposure(
+    scenario: Scenario, rate: FloatArray, light: str, seconds: float, bright: Pixels, dark: Pixels
+) -> Trials:
+    sensor, trials = scenario.sensor, scenario.budget.trials
+    signal, background = np.empty((trials, len(bright[0]))), np.empty((trials, len(dark[0])))
+    sightings, first = [], None
+    for trial in range(trials):
+        frame = take_frame(scenario, rate, light, seconds, trial).dn
+        first = frame if first is None else first
+        signal[trial], background[trial] = _electrons(sensor, frame[bright]), _electrons(sensor, frame[dark])
+        sightings.append(look(scenario, frame))
+    assert first is not None
+    errors = np.array([pose_errors(scenario, s.pose) for s in sightings])
+    found = np.array([s.features.detected for s in sightings])
+    ceiling = (sensor.saturation_dn - sensor.offset_dn) * sensor.gain_electrons_per_dn
+    saturated = float(np.mean(signal >= ceiling - 4 * sensor.total_noise_electrons))
+    stated = [s.pose.covariance for s in sightings if s.pose is not None]
+    return Trials(
+        {
+            **_noise_statistics(signal, background, saturated),
+            "saturated_fraction": saturated,
+            "detected_fraction": float(found.mean()),
+            "attitude_error_p95_deg": _percentile95(np.degrees(errors[:, 0])),
+            "range_error_p95": _percentile95(errors[:, 1]),
+        },
+        found, np.degrees(errors[:, 0]), errors[:, 1], np.mean(stated, axis=0) if stated else np.full((6, 6), np.nan),
+        _reason([s.features.reason for s in sightings]), first, sightings[0].features,
+    )  # fmt: skip
+
+
+def _electrons(sensor: Sensor, dn: NDArray[np.uint16]) -> NDArray[np.float32]:
+    """Charge that digital numbers stand for [electrons]."""
+    return (dn - np.float32(sensor.offset_dn)) * np.float32(sensor.gain_electrons_per_dn)
+
+
+def _reason(reasons: Sequence[str | None]) -> str:
+    """The most frequent of some frames' reasons, with how many frames have any; of equally frequent ones the first."""
+    known = Counter(reason for reason in reasons if reason)
+    if not known:
+        return ""
+    text = known.most_common(1)[0][0]
+    return text if known.total() == len(reasons) else f"{text} ({known.total()} of {len(reasons)} frames)"
+
+
+def _index(pixels: BitPixels) -> Pixels:
+    return np.concatenate([p[0] for p in pixels]), np.concatenate([p[1] for p in pixels])
+
+
+def _percentile95(values: FloatArray) -> float:
+    """95th percentile of those that are known; NaN when none is."""
+    known = values[np.isfinite(values)]
+    return float(np.percentile(known, 95)) if len(known) else np.nan
+
+
+def _noise_statistics(signal: FloatArray, background: FloatArray, saturated: float) -> dict[str, float]:
+    """Mean levels, SNR and CNR over noise draws (trials, pixels), with half widths of their 95 % intervals.
+
+    The variance of a pixel is taken over the draws and averaged over pixels: pixels·(trials − 1) degrees of freedom n, so
+    its relative standard deviation is √(2/n), and that of a ratio to its root is half of it. To this adds the scatter of the
+    means, variance over pixels·trials, which prevails below an SNR of about one.
+    """
+    means = signal.mean() if signal.size else np.nan, background.mean() if background.size else np.nan
+    result = {"signal_rendered": float(means[0]), "background_rendered": float(means[1])}
+    names = ("snr_rendered", "snr_rendered_ci95", "cnr_rendered", "cnr_rendered_ci95")
+    if saturated > 0.01 or not signal.size or not background.size:
+        return {**result, **dict.fromkeys(names, np.nan)}
+    variance = [levels.var(axis=0, ddof=1).mean() for levels in (signal, background)]
+    freedom = [levels.shape[1] * (len(levels) - 1) for levels in (signal, background)]
+    total = variance[0] + variance[1]
+    snr, cnr = means[0] / np.sqrt(variance[0]), (means[0] - means[1]) / np.sqrt(total)
+    of_means = [v / levels.size for v, levels in zip(variance, (signal, background), strict=True)]
+    spread2 = 2 * sum((v / total) ** 2 / n for v, n in zip(variance, freedom, strict=True))
+    snr_ci95 = 1.96 * np.sqrt(of_means[0] / variance[0] + snr**2 * 0.5 / freedom[0])
+    cnr_ci95 = 1.96 * np.sqrt(sum(of_means) / total + cnr**2 * spread2 / 4)
+    return {**result, **dict(zip(names, (snr, snr_ci95, cnr, cnr_ci95), strict=True))}

@@ -1,0 +1,226 @@
+"""The verbs of the chain: doctor, budget, render, expose, detect."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from experiments.cli.options import (
+    EnvironmentLacking,
+    Options,
+    RequirementNotMet,
+    announce_variant,
+    shared_options,
+    with_progress,
+)
+
+SCENARIO = click.argument("scenario", required=False)
+
+
+@click.command()
+@click.option("--json", "as_json", is_flag=True, help="Print the diagnosis as one JSON object.")
+def doctor(as_json: bool) -> None:
+    """Check LLVM, Mitsuba's variants, EXR and threads, and say what to install."""
+    import json
+
+    from experiments.cli.doctor import FAILED, diagnose, print_report
+
+    diagnosis = diagnose()
+    if as_json:
+        click.echo(json.dumps(diagnosis, indent=2))
+    else:
+        from rich.console import Console
+
+        print_report(diagnosis, Console(highlight=False))
+    if diagnosis["status"] == FAILED:
+        raise EnvironmentLacking("; ".join(diagnosis["advice"]) or "this machine cannot run the project")
+
+
+@click.command()
+@SCENARIO
+@click.option("--quick", is_flag=True, help="Fewer ranges, noise draws and rays: a first look within 40 s.")
+@click.option(
+    "--require", metavar="CONDITION", help="'closes' or LIGHT:RANGE, say eclipse:10; exit status 4 where it is not met."
+)
+@click.option("--workers", type=click.IntRange(1), help="Processes for the noise draws; default one a core.")
+@shared_options
+def budget(options: Options, scenario: str | None, quick: bool, require: str | None, workers: int | None) -> None:
+    """Eclipse and sunlight budget over range, rendered beside closed form, with a verdict and a report.
+
+    SCENARIO is a TOML file or the name of a shipped one. Writes report.html, results.nc, and each range's EXR and PNG into the
+    folder --out (default out/budget).
+    """
+    from experiments.studies.budget import study
+
+    chosen = options.scenario(scenario)
+    condition = _parse_requirement(require, chosen)
+    if quick:
+        chosen = study.quick(chosen)
+    out = options.out or Path("out/budget")
+    _ready_folder(out)
+    announce_variant(options)
+    result = with_progress(options, lambda tell: study.run_budget(chosen, out, tell, workers))
+
+    from experiments.cli.console import budget_table, verdict_panel
+    from experiments.reporting.files import write_text
+    from experiments.studies.budget.report import render_budget_report
+    from experiments.studies.budget.verdict import summarise
+
+    summary = summarise(result.dataset, result.scenario)
+    command = " ".join(["mantis budget", *([scenario] if scenario else []), *(["--quick"] if quick else [])])
+    command += "".join(f" --set {o}" for o in options.overrides) + (
+        f" --seed {options.seed}" if options.seed is not None else ""
+    )
+    write_text(render_budget_report(result, command), out / "report.html")
+    options.say(
+        budget_table(result), verdict_panel(summary), f"Report: {out / 'report.html'}   Data: {out / 'results.nc'}"
+    )
+    options.emit(study.as_json(result, summary))
+    if condition:
+        _check_requirement(condition, result.dataset)
+
+
+def _parse_requirement(require: str | None, scenario: Any) -> tuple[str, float] | None:
+    """(light or 'all', range in metres or infinity) of a condition."""
+    if require is None:
+        return None
+    if require == "closes":
+        return "all", float("inf")
+    light, _, limit = require.partition(":")
+    try:
+        range_m = float(limit)
+    except ValueError:
+        range_m = float("nan")
+    if light not in scenario.budget.lights or not range_m > 0:
+        raise click.UsageError(f"--require {require}: expected 'closes' or LIGHT:RANGE in metres, say eclipse:10")
+    nearest, furthest = scenario.budget.ranges_m[0], scenario.budget.ranges_m[-1]
+    if not nearest <= range_m <= furthest:
+        raise click.UsageError(f"--require {require}: budget.ranges_m judges {nearest:g} to {furthest:g} m only")
+    return light, range_m
+
+
+def _check_requirement(condition: tuple[str, float], dataset: Any) -> None:
+    light, limit = condition
+    exposure = "auto" if "auto" in dataset.exposure.values else dataset.exposure.values[-1]
+    closes = dataset.closes.sel(exposure=exposure)
+    closes = closes.where(dataset.range_m <= limit, drop=True).astype(bool)
+    if light != "all":
+        closes = closes.sel(light=[light])
+    failing = [
+        f"{float(r):g} m in {one}"
+        for one in closes.light.values
+        for r in closes.range_m
+        if not bool(closes.sel(light=one, range_m=r))
+    ]
+    if failing:
+        raise RequirementNotMet(f"the budget does not close at {', '.join(failing)} (exposure {exposure})")
+
+
+@click.command()
+@SCENARIO
+@click.option(
+    "--export",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Write the scene for stock Mitsuba into this folder.",
+)
+@shared_options
+def render(options: Options, scenario: str | None, export: Path | None) -> None:
+    """Render the transport basis of one geometry to a multi-layer EXR, and/or --export the scene.
+
+    Layers are led.nmNNNN (radiance per unit intensity of the ring, 1/m²) and sun.nmNNNN (per unit irradiance, 1/sr).
+    """
+    from experiments import chain
+
+    chosen = options.scenario(scenario)
+    if options.out is None and export is None:
+        raise click.UsageError("render: give --out FILE.exr, --export FOLDER, or both")
+    if options.out is not None and options.out.suffix.lower() != ".exr":
+        raise click.UsageError(f"--out {options.out}: expected a name that ends in .exr")
+    if options.out is not None:
+        _ready_folder(options.out.parent)
+    announce_variant(options)
+    if export is not None:
+        from scenes.files.export import export_scene
+
+        export_scene(chain.view(chosen), chain.strengths(chosen), export)
+        options.say(f"Scene: {export}")
+    if options.out is not None:
+        from scenes.files.exr import write_basis
+
+        basis = chain.transport(chosen)
+        write_basis(basis, options.out)
+        options.say(f"Transport basis at {', '.join(f'{n} nm' for n in basis.nodes_nm)}: {options.out}")
+    options.emit({"out": options.out, "export": export, "scenario_hash": chosen.digest()})
+
+
+@click.command()
+@click.argument("basis", metavar="IN.exr", type=click.Path(path_type=Path))
+@SCENARIO
+@click.option("--trial", type=click.IntRange(0), default=0, show_default=True, help="Which noise draw of the seed.")
+@shared_options
+def expose(options: Options, basis: Path, scenario: str | None, trial: int) -> None:
+    """Electrons and digital numbers of one exposure: --out FILE.png (16 bit) or FILE.exr (electrons)."""
+    from experiments import chain
+    from scenes.files.exr import read_basis, write_channels
+
+    chosen = options.scenario(scenario)
+    if options.out is None or options.out.suffix.lower() not in (".png", ".exr"):
+        raise click.UsageError("expose: give --out FILE.png (digital numbers) or FILE.exr (electrons)")
+    transport = read_basis(basis)
+    chain.check_geometry(chosen, transport, basis)
+    rate = chain.electron_rate(chosen, transport, chosen.light)
+    seconds = chain.exposure_s(chosen, chain.link_budget_beside(chosen, chosen.light, rate), chosen.exposure_s)
+    frame = chain.take_frame(chosen, rate, chosen.light, seconds, trial)
+    if options.out.suffix.lower() == ".png":
+        from experiments.reporting.files import write_png
+
+        write_png(frame.dn, options.out)
+    else:
+        write_channels(
+            {"electrons": frame.electrons},
+            {**chain.provenance(chosen), "unit": "electron", "exposure_s": seconds},
+            options.out,
+        )
+    saturated = float((frame.electrons >= chain.usable_well(chosen.sensor)).mean())
+    options.say(
+        f"{chosen.light}, {seconds:.4g} s, brightest {frame.electrons.max():.0f} e-, {saturated:.2%} saturated: {options.out}"
+    )
+    options.emit({"out": options.out, "light": chosen.light, "exposure_s": seconds, "saturated_fraction": saturated})
+
+
+@click.command()
+@click.argument("image", type=click.Path(path_type=Path))
+@SCENARIO
+@click.option("--off", type=click.Path(path_type=Path), help="A frame without the LEDs, which is subtracted.")
+@click.option("--require", type=click.Choice(["detected", "pose"]), help="Exit status 4 where this was not reached.")
+@shared_options
+def detect(options: Options, image: Path, scenario: str | None, off: Path | None, require: str | None) -> None:
+    """Features and pose of one image, from anywhere; the scenario says which camera and which marker."""
+    from experiments import chain
+    from experiments.reporting import detection as sighting
+    from experiments.reporting.files import read_image, write_text
+
+    chosen = options.scenario(scenario)
+    seen = chain.look(chosen, read_image(image), None if off is None else read_image(off))
+    record = sighting.as_record(seen)
+    options.emit(record)
+    if options.out is not None:
+        import json
+
+        write_text(json.dumps(record, indent=2) + "\n", options.out)
+    options.say(*sighting.describe(seen))
+    if (require == "detected" and not record["detected"]) or (require == "pose" and record["pose"] is None):
+        raise RequirementNotMet(f"{require}, but {record['reason'] or 'no pose fits the features'}")
+
+
+def _ready_folder(folder: Path) -> None:
+    """Make the folder, or say in one line why not, before anything is computed."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise click.UsageError(f"--out {folder}: cannot be made a folder ({error.strerror})") from error
+
+
+VERBS: tuple[click.Command, ...] = (doctor, budget, render, expose, detect)

@@ -1,0 +1,35 @@
+"""The scenario: one validated description of camera, lights, target, sensor and study, and its files."""
+
+from experiments.scenario.model import (
+    MATERIAL_KEYS,
+    Range,
+    Scenario,
+    ScenarioError,
+    apply_override,
+    describe,
+    explain,
+    json_schema,
+    load_data,
+    load_scenario,
+    overridden,
+    set_key,
+    shipped_scenarios,
+    validate,
+)
+
+__all__ = [
+    "MATERIAL_KEYS",
+    "Range",
+    "Scenario",
+    "ScenarioError",
+    "apply_override",
+    "describe",
+    "explain",
+    "json_schema",
+    "load_data",
+    "load_scenario",
+    "overridden",
+    "set_key",
+    "shipped_scenarios",
+    "validate",
+]

@@ -1,0 +1,174 @@
+"""Counter-measures against sun glare, each a mode: filter, shutter, on/off pair, ladder, second band, polarisers, the chaser's
+own shadow, the pipeline.
+
+A mode turns the electron rates of LEDs and Sun into an image, the noise the detector is told of, and features. The LED pulse is
+set so that the bright bits reach the scenario's fraction of the well; the Sun shines as long as the shutter is open.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from detector.detect import Features, detect_features
+from detector.sensor.noise import NoiseModel
+from detector.sensor.sensor import expose
+from experiments.chain import usable_well
+from experiments.scenario import Scenario
+from experiments.scenario.presets import presets
+from experiments.studies.glare.fusion import difference, fused
+from experiments.thesis.baseline import baseline_features, to_eight_bits
+from radiometry.filters import Bandpass
+from radiometry.geometry import FloatArray, sun_direction
+from scenes.render.transport import View
+
+#: Error of the predicted image motion between the frames of a pair, over the motion. Assumption: a tracking filter's.
+MOTION_ERROR = 0.05
+#: Part of unpolarised light that a polariser passes, twice over. Assumption: a wire grid for the near infrared.
+POLARISER_TRANSMISSION = 0.9
+#: Degree of linear polarisation that the tape's return keeps of polarised LED light. Assumption: prisms turn it in part.
+POLARISATION_KEPT = 0.6
+
+
+@dataclass(frozen=True)
+class Mode:
+    """One counter-measure, or the lack of it."""
+
+    title: str
+    """What it is, in a few words."""
+    filter: str | None = None
+    """Filter preset; None is the scenario's filter."""
+    shutter_s: float | None = None
+    """How long the shutter is open [s]; None: as long as the LED pulse."""
+    pair: Literal["", "raw", "registered"] = ""
+    """Whether a frame without LEDs is subtracted, as it is or shifted back by the predicted motion."""
+    rungs: tuple[float, ...] = (1.0,)
+    """Exposures of a ladder over the LED pulse, falling; each with a pulse and shutter of its own."""
+    off_filter: str | None = None
+    """Filter preset, beside the LEDs' band, of a second camera at the same moment, whose image is subtracted."""
+    polarised: bool = False
+    """Whether the LEDs shine through a polariser and the camera looks through one parallel to it."""
+    chaser_radius_m: float = 0.0
+    """Radius of the disc, in the plane of the lens and about the axis, that shadows the target [m]; 0 is none."""
+    pipeline: Literal["mantis", "thesis"] = "mantis"
+    """Feature extraction: `detector.detect`, or `experiments.thesis.baseline` on 8 bits."""
+
+
+#: 20 µs: shortest exposure that many global-shutter cameras offer (assumption); 1 ms: one of the budget's exposures.
+MODES: dict[str, Mode] = {
+    "single": Mode("one LED-synchronous frame, the scenario's filter"),
+    "longpass": Mode("one LED-synchronous frame, LP715 longpass", filter="lp715"),
+    "narrow": Mode("one LED-synchronous frame, 25 nm bandpass", filter="bp850_25"),
+    "shutter": Mode("the same LED pulse, shutter open for 20 µs", shutter_s=20e-6),
+    "long": Mode("the same LED pulse, shutter open for 1 ms", shutter_s=1e-3),
+    "pair": Mode("LEDs on minus LEDs off, registered", pair="registered"),
+    "pair_raw": Mode("LEDs on minus LEDs off, not registered", pair="raw"),
+    "ladder": Mode("exposure ladder: the pulse, a quarter and a sixteenth of it, fused", rungs=(1.0, 1 / 4, 1 / 16)),
+    "two_bands": Mode("850 nm minus 785 nm at the same moment", filter="bp850_25", off_filter="bp785_25"),
+    "polarised": Mode("one frame, polarisers before LEDs and lens", polarised=True),
+    "shadowed": Mode("one frame, the chaser's body (0.5 m radius) shadows the target", chaser_radius_m=0.5),
+    "thesis": Mode("the thesis's pipeline: LP715, 8 bits, OpenCV ArUco and blobs", filter="lp715", pipeline="thesis"),
+}
+
+
+@dataclass(frozen=True)
+class Lit:
+    """Electron rates (H, W) of a geometry through one filter [e⁻/s]: LEDs, Sun, and the Sun one frame interval later."""
+
+    led: FloatArray
+    sun: FloatArray
+    moved_sun: FloatArray
+    off: FloatArray | None = None
+    """All light through the filter of the second band [e⁻/s], where there is one."""
+    off_scale: float = 1.0
+    """Sunlight from a grey surface through the first filter over that through the second."""
+
+
+@dataclass(frozen=True)
+class Exposed:
+    """An image, what is known of its noise, and the frame with LEDs that tells how far it saturates: a ladder's shortest."""
+
+    image: FloatArray | NDArray[np.uint16]
+    noise: NoiseModel
+    lit_dn: NDArray[np.uint16]
+
+
+def through(scenario: Scenario, preset: str | None) -> Scenario:
+    """The scenario with the filter of a preset; None is its own."""
+    if preset is None:
+        return scenario
+    return scenario.model_copy(update={"filter": Bandpass(**presets("filter")[preset])})
+
+
+def pulse_s(scenario: Scenario, mode: Mode, led_bits: float, sun_bits: float) -> float:
+    """LED pulse that brings the bright bits to the scenario's fraction of the well [s], from their rates [e⁻/s].
+
+    A shutter that closes with the pulse counts the Sun's light on the bits in; one of fixed length cannot.
+    """
+    auto = scenario.auto_exposure
+    rate = led_bits + (sun_bits if mode.shutter_s is None else 0.0)
+    seconds = auto.full_well_fraction * usable_well(scenario.sensor) / max(rate, 1e-9)
+    return float(np.clip(seconds, auto.shortest_s, auto.longest_s if mode.shutter_s is None else mode.shutter_s))
+
+
+def take(
+    scenario: Scenario, mode: Mode, lit: Lit, seconds: float, motion_px: FloatArray, rng: np.random.Generator
+) -> Exposed:
+    """One image of a mode.
+
+    Args:
+        seconds: LED pulse.
+        motion_px: image motion (2,) of the target's marker between the two frames of a pair.
+    """
+    sensor = scenario.sensor
+    shutter = seconds if mode.shutter_s is None else mode.shutter_s
+    on = expose(sensor, (lit.led * seconds + lit.sun * shutter) / shutter, shutter, rng).dn
+    if mode.pair:
+        off = expose(sensor, lit.moved_sun, shutter, rng).dn
+        predicted = motion_px * (1 + MOTION_ERROR * rng.standard_normal()) if mode.pair == "registered" else np.zeros(2)
+        return Exposed(*difference(sensor, on, off, predicted), on)
+    if lit.off is not None:
+        off = expose(sensor, lit.off, shutter, rng).dn
+        return Exposed(*difference(sensor, on, off, np.zeros(2), lit.off_scale), on)
+    if len(mode.rungs) > 1:
+        steps = rung_exposures_s(scenario, mode, seconds)
+        frames = [on, *(expose(sensor, lit.led + lit.sun, s, rng).dn for s in steps[1:])]
+        return Exposed(*fused(sensor, frames, steps), frames[-1])
+    gain = 1 / sensor.gain_electrons_per_dn
+    noise = NoiseModel(gain, sensor.total_noise_electrons * gain, sensor.offset_dn, sensor.saturation_dn)
+    return Exposed(on, noise, on)
+
+
+def rung_exposures_s(scenario: Scenario, mode: Mode, seconds: float) -> list[float]:
+    """Exposures of a mode's ladder from its LED pulse on [s]: those that the camera can make, each once."""
+    return sorted({max(seconds * rung, scenario.auto_exposure.shortest_s) for rung in mode.rungs}, reverse=True)
+
+
+def features_of(scenario: Scenario, mode: Mode, shown: Exposed) -> Features:
+    """What the mode's pipeline finds in an image."""
+    if mode.pipeline == "thesis":
+        sensor = scenario.sensor
+        return baseline_features(to_eight_bits(shown.image, sensor.offset_dn, sensor.saturation_dn), scenario.marker)
+    ring_m = scenario.leds.ring_radius_m
+    return detect_features(shown.image, scenario.marker, scenario.camera, shown.noise, ring_m)
+
+
+def chaser_shadow(view: View, radius_m: float) -> FloatArray:
+    """Share of the Sun's disc that the chaser leaves free, (H, W), for what each pixel sees in the marker's plane.
+
+    The chaser is an opaque disc about the optical axis in the plane of the lens; across its penumbra the share is linear.
+    """
+    camera = view.camera
+    column, row = np.meshgrid(np.arange(camera.width_px), np.arange(camera.height_px))
+    plane = view.to_plane(np.column_stack([column.ravel(), row.ravel()]))
+    points = plane @ view.rotation[:, :2].T + view.translation_m
+    sun = sun_direction(np.radians(view.sun.phase_deg), np.radians(view.sun.azimuth_deg))
+    if radius_m == 0 or sun[2] >= 0:
+        return np.ones(column.shape)
+    travel = points[:, 2] / -sun[2]
+    distance = np.hypot(*(points[:, :2] + travel[:, None] * sun[:2]).T)
+    penumbra = travel * np.tan(view.sun.angular_radius_rad)
+    return np.clip(0.5 + (distance - radius_m) / (2 * penumbra), 0, 1).reshape(column.shape)

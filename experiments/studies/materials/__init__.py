@@ -1,0 +1,1 @@
+"""The materials, their lobes, spectra and sources."""

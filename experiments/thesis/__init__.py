@@ -1,0 +1,1 @@
+"""What reproduces and corrects the thesis."""

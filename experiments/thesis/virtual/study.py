@@ -1,0 +1,206 @@
+"""The virtual experiment: frames of every run rendered, exposed with noise, looked at by every method, and judged.
+
+A frame's noise and sampling hang on its run and its number alone, so it is the same whatever else is run, and finished runs can
+be kept for a command that was interrupted.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
+from dataclasses import dataclass, replace
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from detector.sensor.noise import NoiseModel
+from detector.sensor.sensor import expose
+from detector.version import code_version as detector_version
+from experiments import chain
+from experiments.chain.executor import cores, pool
+from experiments.scenario import Scenario
+from experiments.studies.shared.judge import VARIABLES, Truth
+from experiments.studies.shared.trackers import METHODS, Shot, methods_of
+from experiments.thesis.virtual.targets import Design, Run, believed, cropped, design, exposure_s, views
+from radiometry.geometry import FloatArray
+from radiometry.optics import Camera
+from scenes.atomic import atomic_write
+from scenes.files.cache import code_version
+from scenes.marker import MarkerDesign
+from scenes.render.transport import Quality, render_cases
+from scenes.view import View
+
+#: Reports progress: frames done, frames in all, what is being worked on.
+Progress = Callable[[int, int, str], None]
+
+#: An outlier is off by more than this in attitude [deg] or, over range, in range.
+OUTLIER_DEG, OUTLIER_RANGE = 10.0, 0.05
+#: Renderer's variance over shot noise's at full well, about (`scenes.render.density`); at half full well half of it, which adds 12 % to
+#: a scatter. Flat tags have fewer edges a pixel and bear more.
+VARIANCE_FRACTION = {"marker": 0.5, "plate": 2.0}
+#: Frames that a worker looks at in one go, and such batches that wait at a time.
+_BATCH, _WAITING = 12, 8
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Some frames of a run for a worker to look at.
+
+    Attributes:
+        scenario: with the whole detector; range and marker are the run's.
+        design, believed: what is in the views, and what the methods take it for.
+        rates: (n, height, width) electron rates of the crop about the axis.
+        first: number of the first frame.
+        key: seed and number of the run.
+    """
+
+    scenario: Scenario
+    design: Design
+    believed: Design
+    views: list[View]
+    rates: FloatArray
+    seconds: float
+    methods: tuple[str, ...]
+    first: int
+    key: tuple[int, int]
+
+
+def look(batch: Batch) -> FloatArray:
+    """Values of `VARIABLES` (variables, methods, frames); NaN where there is none."""
+    sensor, camera = batch.scenario.sensor, batch.scenario.camera
+    result = np.full((len(VARIABLES), len(batch.methods), len(batch.views)), np.nan, np.float32)
+    for k, (view, rate) in enumerate(zip(batch.views, batch.rates, strict=True)):
+        rng = np.random.default_rng((*batch.key, batch.first + k))
+        image = expose(sensor, _whole(rate, camera), batch.seconds, rng).dn
+        noise = chain.noise_model(batch.scenario, image)
+        assert isinstance(noise, NoiseModel)
+        truth = Truth(batch.design, view)
+        shot = Shot(image, batch.believed, view.camera, noise, view.leds.ring_radius_m, truth.points_px)
+        for m, name in enumerate(batch.methods):
+            values = truth.judge(METHODS[name][0](shot))
+            result[:, m, k] = [values.get(variable, np.nan) for variable in VARIABLES]
+    return result
+
+
+def _whole(rate: FloatArray, camera: Camera) -> FloatArray:
+    """A crop about the axis in the middle of the whole, otherwise dark, frame."""
+    frame = np.zeros((camera.height_px, camera.width_px), rate.dtype)
+    top, left = ((n - m) // 2 for n, m in zip(frame.shape, rate.shape, strict=True))
+    frame[top : top + rate.shape[0], left : left + rate.shape[1]] = rate
+    return frame
+
+
+def batches(scenario: Scenario, plan: list[Run]) -> Iterator[tuple[int, Batch]]:
+    """Rendered frames of all runs in order, each batch with its run's number."""
+    prepared = []
+    for run in plan:
+        crop = cropped(scenario, run)
+        whole = crop.at(camera=scenario.camera.model_dump())
+        camera = chain.view(whole).camera
+        shown = views(crop, run)
+        seen = [replace(view, camera=camera) for view in shown]
+        prepared.append((crop, whole, shown, seen, exposure_s(scenario, run), believed(scenario, run)))
+    every = [(r, k) for r, run in enumerate(plan) for k in range(len(run.angles_deg))]
+    bases = render_cases((prepared[r][2][k], quality(scenario, plan[r], k)) for r, k in every)
+    for r, run in enumerate(plan):
+        crop, whole, _, seen, seconds, taken_for = prepared[r]
+        for first in range(0, len(run.angles_deg), _BATCH):
+            part = islice(bases, min(_BATCH, len(run.angles_deg) - first))
+            rates = np.array([chain.electron_rate(crop, basis, "eclipse") for basis in part], np.float32)
+            yield r, Batch(
+                whole, design(scenario, run.target), taken_for, seen[first : first + len(rates)], rates, seconds,
+                methods_of(run.target), first, (scenario.seed, run.number),
+            )  # fmt: skip
+
+
+def quality(scenario: Scenario, run: Run, frame: int) -> Quality:
+    """Sampling of one frame: of the target alone, with a seed that no other frame shares."""
+    kind = "marker" if isinstance(design(scenario, run.target), MarkerDesign) else "plate"
+    seed = int(np.random.SeedSequence((scenario.seed, run.number, frame)).generate_state(1)[0])
+    return Quality(frame_samples=0, seed=seed, variance_fraction=VARIANCE_FRACTION[kind])
+
+
+def study(
+    scenario: Scenario, plan: list[Run], workers: int | None = None, progress: Progress | None = None,
+    keep: Path | None = None,
+) -> xr.Dataset:  # fmt: skip
+    """Run all of a plan.
+
+    Args:
+        workers: processes that look at the frames that this one renders; default one a core.
+        keep: folder of finished runs, which are not run again; made when needed.
+
+    Returns:
+        `VARIABLES` over `series` (a run and a method) and `frame`; runs of fewer frames are filled up with NaN.
+    """
+    files = [None if keep is None else keep / f"{_key(scenario, run)}.npy" for run in plan]
+    results = [
+        np.load(file) if file is not None and file.is_file() else np.full(_shape(run), np.nan, np.float32)
+        for file, run in zip(files, plan, strict=True)
+    ]
+    todo = [r for r, file in enumerate(files) if file is None or not file.is_file()]
+    left = {r: len(plan[r].angles_deg) for r in todo}
+    total = sum(left.values())
+    waiting: deque[tuple[int, int, Future]] = deque()
+
+    def collect() -> None:
+        r, first, future = waiting.popleft()
+        values = future.result()
+        results[r][:, :, first : first + values.shape[2]] = values
+        left[r] -= values.shape[2]
+        file = files[r]
+        if not left[r] and file is not None:
+            with atomic_write(file) as temporary, temporary.open("wb") as stream:
+                np.save(stream, results[r])
+        if progress is not None:
+            progress(total - sum(left.values()), total, plan[r].name)
+
+    with pool(look, cores() if workers is None else workers) as submit:
+        for position, batch in batches(scenario, [plan[r] for r in todo]):
+            waiting.append((todo[position], batch.first, submit(batch)))
+            while len(waiting) > _WAITING:
+                collect()
+        while waiting:
+            collect()
+    return _dataset(scenario, plan, results)
+
+
+def _shape(run: Run) -> tuple[int, int, int]:
+    return len(VARIABLES), len(methods_of(run.target)), len(run.angles_deg)
+
+
+def _key(scenario: Scenario, run: Run) -> str:
+    """Name of a finished run: its settings and methods, and the source that renders. Not the detector's: see `--resume`."""
+    parts = (scenario.digest(), run, methods_of(run.target), tuple(VARIABLES), code_version())
+    return hashlib.sha256(repr(parts).encode()).hexdigest()[:24]
+
+
+def _dataset(scenario: Scenario, plan: list[Run], results: list[FloatArray]) -> xr.Dataset:
+    series = [(r, m, name) for r, run in enumerate(plan) for m, name in enumerate(methods_of(run.target))]
+    longest = max(len(run.angles_deg) for run in plan)
+    values = np.full((len(VARIABLES), len(series), longest), np.nan, np.float32)
+    angles = np.full((2, len(series), longest), np.nan)
+    for s, (r, m, _) in enumerate(series):
+        count = len(plan[r].angles_deg)
+        values[:, s, :count] = results[r][:, m]
+        angles[:, s, :count] = plan[r].attitudes_deg.T
+    data = {
+        name: (("series", "frame"), v, {"units": unit, "long_name": label})
+        for (name, (unit, label)), v in zip(VARIABLES.items(), values, strict=True)
+    }
+    for name, v in zip(("pitch_deg", "yaw_deg"), angles, strict=True):
+        data[name] = (("series", "frame"), v, {"units": "degree", "long_name": f"true {name[:-4]}"})
+    coordinates = {
+        "test": ("series", [plan[r].test for r, _, _ in series], {"long_name": "number in table 8.1; 0 beside it"}),
+        "target": ("series", [plan[r].target for r, _, _ in series]),
+        "method": ("series", [name for _, _, name in series]),
+        "rotation": ("series", [plan[r].rotation for r, _, _ in series]),
+        "range_m": ("series", [plan[r].range_m for r, _, _ in series], {"units": "m"}),
+    }
+    made = chain.provenance(scenario) | {"detector_code": detector_version()}
+    attributes = {"title": "Virtual experiment of thesis table 8.1", **made}
+    return xr.Dataset(data, coordinates, attributes)

@@ -1,0 +1,1 @@
+"""Files in and out: transport EXR, the cache of bases, stock Mitsuba scenes, the printable marker."""

@@ -1,0 +1,1 @@
+"""What of the marker shows where in the image, in closed form."""

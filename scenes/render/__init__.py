@@ -1,0 +1,1 @@
+"""Transport rendering: rays, their densities, and the basis they give."""

@@ -1,0 +1,57 @@
+"""Light of the Earth's disc in the batched renderer."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from scenes.render.scene import Met
+
+#: Squared chord below which directions about the camera's are drawn evenly: that of 0.1°, where tables of tape begin.
+_CORE_CHORD2 = float(np.radians(0.1) ** 2)
+
+
+def earth_radiance(met: Met, ray: Any, to_earth: Any, radius_rad: Any, draws: list[Any], back_to_viewer: bool) -> Any:
+    """Radiance that each ray finds, per unit radiance of the disc: of the surface it hits, or of the disc itself behind it.
+
+    One direction a ray, evenly over the disc's solid angle. Where the disc stands about the camera a second one is drawn about
+    the direction to it, with a density ∝ 1/(chord² + core²), for tape sends back there what it gets from there; both are
+    weighted by the sum of their densities (balance heuristic; Veach and Guibas, SIGGRAPH 1995).
+
+    Args:
+        to_earth: unit vector to the centre of the disc, in the scene's frame, a lane.
+        radius_rad: half the angle that the disc fills, a lane.
+        draws: four numbers in 0 … 1 a ray.
+        back_to_viewer: whether the second direction is drawn.
+    """
+    import drjit as dr
+    import mitsuba as mi
+
+    def opaque(value: float) -> Any:
+        return dr.opaque(mi.Float, float(value))
+
+    # 2 sin²(r/2) = 1 − cos r, without cancellation for a small disc.
+    cap = 2 * dr.square(dr.sin(radius_rad / 2))
+    rim, solid_angle = 1 - cap, 2 * np.pi * cap
+    core, span = opaque(_CORE_CHORD2), opaque(np.log1p(4 / _CORE_CHORD2))
+    earth = mi.Frame3f(to_earth)
+    viewer = mi.Frame3f(-ray.d)
+
+    def about(frame: Any, chord2: Any, azimuth: Any) -> Any:
+        sine = dr.sqrt(dr.maximum(chord2 * (1 - chord2 / 4), 0.0))
+        around = frame.s * dr.cos(azimuth) + frame.t * dr.sin(azimuth)
+        return dr.normalize(frame.n * (1 - chord2 / 2) + around * sine)
+
+    def estimate(direction: Any) -> Any:
+        density = dr.rcp(solid_angle)
+        if back_to_viewer:
+            density += dr.rcp(np.pi * span * (dr.squared_norm(direction - viewer.n) + core))
+        return dr.select(dr.dot(direction, earth.n) > rim, met.reflected(direction) / density, 0.0)
+
+    # Equal steps of squared chord are equal solid angles.
+    total = estimate(about(earth, 2 * cap * draws[0], 2 * np.pi * draws[1]))
+    if back_to_viewer:
+        chord2 = dr.minimum(core * (dr.exp(span * draws[2]) - 1), 4.0)
+        total += estimate(about(viewer, chord2, 2 * np.pi * draws[3]))
+    return dr.select(~met.valid & (dr.dot(ray.d, earth.n) > rim), 1.0, total)
