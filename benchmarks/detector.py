@@ -8,8 +8,9 @@ import cv2
 import numpy as np
 
 from benchmarks.rows import Row
-from detector.detect import detect_features
+from detector.features import find_features
 from detector.pose.pose import solve_pose
+from detector.sensor.noise import noise_of
 from experiments import chain
 from experiments.scenario import load_scenario
 from experiments.thesis.baseline import to_eight_bits
@@ -32,20 +33,24 @@ def run(quick: bool) -> list[Row]:
     threads = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:
-        for light in ("eclipse", "sun"):
+        for illumination in ("eclipse", "sunlit"):
             for range_m in _RANGES_M:
-                rows += _rows(range_m, light, repeats)
+                rows += _rows(range_m, illumination, repeats)
     finally:
         cv2.setNumThreads(threads)
     return rows
 
 
-def _rows(range_m: float, light: str, repeats: int) -> list[Row]:
-    scenario = load_scenario(None, (f"range_m={range_m}", f"light={light}", "target.pitch_deg=10", "target.yaw_deg=3"))
-    rate = chain.electron_rate(scenario, chain.transport(scenario), light)
-    seconds = chain.exposure_s(scenario, chain.link_budget_beside(scenario, light, rate), scenario.exposure_s)
-    frame = chain.take_frame(scenario, rate, light, seconds).dn
-    camera, noise = chain.view(scenario).camera, chain.noise_model(scenario, frame)
+def _rows(range_m: float, illumination: str, repeats: int) -> list[Row]:
+    scenario = load_scenario(
+        None, (f"range_m={range_m}", f"light={illumination}", "target.pitch_deg=10", "target.yaw_deg=3")
+    )
+    rate = chain.electron_rate(scenario, chain.transport(scenario), illumination)
+    seconds = chain.solve_exposure(
+        scenario, chain.link_budget_beside(scenario, illumination, rate), scenario.exposure_s
+    )
+    frame = chain.expose(scenario, rate, illumination, seconds).dn
+    camera, noise = chain.view(scenario).camera, noise_of(scenario.sensor, frame)
     eight = to_eight_bits(frame, float(frame.min()), float(frame.max()))
     aruco = cv2.aruco.ArucoDetector(aruco_dictionary(scenario.marker.dictionary))
     ring_m, found, bare, ours = scenario.leds.ring_radius_m, False, [], []
@@ -53,14 +58,14 @@ def _rows(range_m: float, light: str, repeats: int) -> list[Row]:
         start = time.perf_counter()
         aruco.detectMarkers(eight)
         middle = time.perf_counter()
-        features = detect_features(frame, scenario.marker, camera, noise, ring_m)
+        features = find_features(frame, scenario.marker, camera, noise, ring_m)
         pose = solve_pose(features, scenario.marker, camera)
         bare.append(middle - start)
         ours.append(time.perf_counter() - middle)
         found = pose is not None
     # The first few compile and warm up.
     times = {name: float(np.median(spent[3:])) for name, spent in (("cv2.aruco", bare), ("features and pose", ours))}
-    where, note = f"{range_m:g} m, {light}", "" if found else "marker not found"
+    where, note = f"{range_m:g} m, {illumination}", "" if found else "marker not found"
     ratio = times["features and pose"] / times["cv2.aruco"]
     timed = [Row(where, 1e3 * spent, "ms", series=name) for name, spent in times.items()]
     return [Row(f"features and pose over cv2.aruco, {where}", ratio, "", _TARGET, note), *timed]

@@ -36,7 +36,7 @@ trials = {draws}
 range_m = {ranges}
 exposure_s = {exposures}
 [list]
-light = ["eclipse", "eclipse", "sun", "sun", "sun", "sun", "sun", "sun"]
+illumination = ["eclipse", "eclipse", "sunlit", "sunlit", "sunlit", "sunlit", "sunlit", "sunlit"]
 sun.phase_deg = [45, 45, 20, 20, 45, 45, 90, 90]
 leds.intensity_w_sr = [1.75, 3.5, 1.75, 3.5, 1.75, 3.5, 1.75, 3.5]
 """
@@ -50,7 +50,7 @@ PARTS = {
     "variance of the renderer": "renderer_variance_fraction",
     "closed form, thesis, expectation": "known_values",
     "expose": "take_frame",
-    "find the marker": "detect_features",
+    "find the marker": "find_features",
     "solve the pose": "solve_pose",
 }
 

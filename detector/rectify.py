@@ -1,6 +1,6 @@
 """Images of a distorted lens as an ideal one takes them, and what is found there brought back.
 
-Detector and pose solver know straight lines only, so `chain.look` gives them the rectified image.
+Detector and pose solver know straight lines only, so `chain.detect` gives them the rectified image.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
-from detector.detect import Features
+from detector.features import Features
 from detector.sensor.noise import NoiseModel
 from radiometry.geometry import FloatArray
 from radiometry.optics import Camera

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from experiments import chain
 from experiments.chain.closed_form import closed_form
-from experiments.chain.exposure import Shot, shoot
+from experiments.chain.shoot import Exposure, shoot
 from experiments.reporting.files import read_image
 from experiments.scenario import Scenario, load_scenario
 
-__all__ = ["Shot", "budget", "closed_form", "detect", "load", "shoot"]
+__all__ = ["Exposure", "budget", "closed_form", "detect", "load", "shoot"]
 
 
 def load(source: str | Path | None = None, *overrides: str) -> Scenario:
@@ -31,7 +31,7 @@ def load(source: str | Path | None = None, *overrides: str) -> Scenario:
 
 def detect(
     image: NDArray[Any] | str | Path, scenario: Scenario, off: NDArray[Any] | str | Path | None = None
-) -> chain.Sighting:
+) -> chain.Detection:
     """Features and pose of an image, an array or a file from anywhere; the scenario says which camera and which marker.
 
     Args:
@@ -41,7 +41,7 @@ def detect(
         ValueError: when an image cannot be read or is not of the camera's size, or the two are not of one kind.
     """
     seen = read_image(image) if isinstance(image, (str, Path)) else image
-    return chain.look(scenario, seen, read_image(off) if isinstance(off, (str, Path)) else off)
+    return chain.detect(scenario, seen, read_image(off) if isinstance(off, (str, Path)) else off)
 
 
 def budget(scenario: Scenario, quick: bool = True) -> Any:

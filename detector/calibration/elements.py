@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from detector.detect import Features
+from detector.features import Features
 from detector.pose.pose import solve_pose
 from radiometry.geometry import FloatArray
 from radiometry.optics import Camera

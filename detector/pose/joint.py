@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from detector.detect import Features
+from detector.features import Features
 from detector.pose.pose import Pose, best_pose, problem_of, solve_pose
 from radiometry.geometry import FloatArray
 from radiometry.optics import Camera

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.special import gammaincc
 
 from detector.compiled import invert_scaled
-from detector.detect import Features
+from detector.features import Features
 from detector.pose.pose_fit import Problem, first_poses, minimise, residuals
 from radiometry.geometry import FloatArray, faces_camera, rotation_angle
 from radiometry.optics import Camera

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
+from detector.sensor.sensor import Sensor
 from radiometry.geometry import FloatArray
 
 #: Pixels this many read-noise deviations below the saturation level count as saturated: read noise is added after
@@ -60,6 +62,20 @@ class NoiseModel:
             return pixels
         column, row = pixels.astype(np.intp).T
         return pixels[np.isfinite(self.extra_variance_dn2[row, column])]
+
+
+def noise_of(sensor: Sensor, image: NDArray[Any]) -> NoiseModel | None:
+    """Noise of an image (height, width) where it can come from the sensor by its number type and range, else None."""
+    container = np.uint8 if sensor.bits <= 8 else np.uint16
+    if image.dtype != container or image.max(initial=0) > sensor.max_dn:
+        return None
+    return sensor_noise(sensor)
+
+
+def sensor_noise(sensor: Sensor) -> NoiseModel:
+    """Noise of a sensor's own frames: its gain, read noise, offset and saturation."""
+    gain = 1 / sensor.gain_electrons_per_dn
+    return NoiseModel(gain, sensor.total_noise_electrons * gain, sensor.offset_dn, sensor.saturation_dn)
 
 
 def estimate_noise(image: np.ndarray) -> NoiseModel:

@@ -471,6 +471,6 @@ def _conditional_moments(sensor: Sensor, electrons: FloatArray) -> tuple[FloatAr
     return centre + first, np.maximum(second - first**2, 0)
 
 
-def usable_well(sensor: Sensor) -> float:
+def usable_well_electrons(sensor: Sensor) -> float:
     """Charge at which the response ends [electrons]: the full well, or the converter's range where that is smaller."""
     return min(sensor.full_well_electrons, (sensor.max_dn - sensor.offset_dn) * sensor.gain_electrons_per_dn)

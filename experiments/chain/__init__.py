@@ -6,11 +6,11 @@ Every study takes these functions from here; each stage can also be run by itsel
 
 from __future__ import annotations
 
-from detector.sensor.sensor import usable_well
-from experiments.chain.detection import Sighting, look, pose_errors
-from experiments.chain.exposure import frame_generator, noise_model, take_frame
-from experiments.chain.illumination import LIGHTS_ON, lights_on, responsivity, strengths, sun_stray_rate
-from experiments.chain.link_budget import LinkBudget, exposure_s, link_budget, link_budget_beside
+from detector.sensor.sensor import usable_well_electrons
+from experiments.chain.detection import Detection, detect, pose_errors
+from experiments.chain.exposure import expose, frame_generator
+from experiments.chain.illumination import SOURCES, active_sources, responsivity, source_spectra, sun_stray_rate
+from experiments.chain.link_budget import LinkBudget, link_budget, link_budget_beside, solve_exposure
 from experiments.chain.provenance import provenance
 from experiments.chain.rate import electron_rate
 from experiments.chain.render_noise import renderer_variance_fraction
@@ -19,31 +19,30 @@ from experiments.chain.view import view
 from scenes.projection.bits import bit_pixels, bit_scale_px
 
 __all__ = [
-    "LIGHTS_ON",
+    "SOURCES",
     "LinkBudget",
-    "Sighting",
+    "Detection",
     "bit_pixels",
     "bit_scale_px",
     "check_geometry",
     "electron_rate",
-    "exposure_s",
+    "solve_exposure",
     "frame_generator",
     "geometry_digest",
-    "lights_on",
+    "active_sources",
     "link_budget",
     "link_budget_beside",
-    "look",
-    "noise_model",
+    "detect",
     "pose_errors",
     "provenance",
     "quality",
     "renderer_variance_fraction",
     "responsivity",
-    "strengths",
+    "source_spectra",
     "sun_stray_rate",
-    "take_frame",
+    "expose",
     "transport",
     "transports",
-    "usable_well",
+    "usable_well_electrons",
     "view",
 ]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from experiments.chain.link_budget import LinkBudget, exposure_s, link_budget
+from experiments.chain.link_budget import LinkBudget, link_budget, solve_exposure
 from experiments.chain.provenance import provenance
 from experiments.scenario import Scenario, keys
 from radiometry import closure
@@ -47,7 +47,7 @@ def closed_form(scenario: Scenario, axes: Mapping[str, Iterable[Any]] | None = N
         ScenarioError: when a key or value is not one of a scenario.
     """
     if axes is None:
-        axes = {"range_m": scenario.budget.ranges_m, "light": scenario.budget.lights}
+        axes = {"range_m": scenario.budget.ranges_m, "illumination": scenario.budget.illuminations}
     values = {keys.find(key).dotted: list(v) for key, v in axes.items()}
     # The exposure multiplies rates that hold for all: it is walked through inside, whatever its place among the axes.
     outer = [key for key in values if key != "exposure_s"]
@@ -57,7 +57,7 @@ def closed_form(scenario: Scenario, axes: Mapping[str, Iterable[Any]] | None = N
     cases = []
     for combination in itertools.product(*(values[key] for key in outer)):
         here = scenario.with_values(dict(zip(outer, combination, strict=True)))
-        budget = link_budget(here, here.light)
+        budget = link_budget(here, here.illumination)
         cases += [_case(here, budget, exposure) for exposure in exposures]
     data = {
         name: (
@@ -76,7 +76,7 @@ def closed_form(scenario: Scenario, axes: Mapping[str, Iterable[Any]] | None = N
 def _case(scenario: Scenario, budget: LinkBudget, exposure: float | str) -> dict[str, Any]:
     if np.isnan(budget.signal_rate):
         return {**dict.fromkeys(VARIABLES, np.nan), "px_per_bit": budget.px_per_bit, "binds": "frame"}
-    seconds = exposure_s(scenario, budget, exposure)
+    seconds = solve_exposure(scenario, budget, exposure)
     found = {**budget.at(seconds), "seconds": seconds, "px_per_bit": budget.px_per_bit}
     verdicts = closure.judge(scenario.requirement, {name: found[variable] for name, variable in _JUDGED.items()})
     worst = min(verdicts, key=lambda verdict: verdict.margin)

@@ -10,15 +10,19 @@ from radiometry.optics import electron_responsivity
 from radiometry.spectrum import Spectrum
 
 #: Which lights shine in each illumination.
-LIGHTS_ON = {"eclipse": ("led",), "sun": ("led", "sun")}
+SOURCES = {"eclipse": ("led",), "sunlit": ("led", "sun")}
 
 
-def lights_on(scenario: Scenario, light: str) -> tuple[str, ...]:
+def active_sources(scenario: Scenario, illumination: str) -> tuple[str, ...]:
     """Lights that shine in an illumination; the sunlit Earth with the Sun, where the scenario has one."""
-    return (*LIGHTS_ON[light], "earth") if light == "sun" and scenario.earth is not None else LIGHTS_ON[light]
+    return (
+        (*SOURCES[illumination], "earth")
+        if illumination == "sunlit" and scenario.earth is not None
+        else SOURCES[illumination]
+    )
 
 
-def strengths(scenario: Scenario) -> dict[str, Spectrum]:
+def source_spectra(scenario: Scenario) -> dict[str, Spectrum]:
     """Spectral strength of each light: the ring's intensity [W sr⁻¹ nm⁻¹], the Sun's irradiance [W m⁻² nm⁻¹], the Earth's
     radiance [W m⁻² sr⁻¹ nm⁻¹] where there is one."""
     earth = {} if scenario.earth is None else {"earth": scenario.earth.radiance(scenario.sun)}

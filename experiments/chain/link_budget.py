@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from detector.sensor.sensor import Sensor, usable_well
-from experiments.chain.illumination import LIGHTS_ON, lights_on, responsivity, strengths, sun_stray_rate
+from detector.sensor.sensor import Sensor, usable_well_electrons
+from experiments.chain.illumination import SOURCES, active_sources, responsivity, source_spectra, sun_stray_rate
 from experiments.chain.view import view
 from experiments.scenario import Scenario
 from materials import library
@@ -50,17 +50,12 @@ class LinkBudget:
             "dark": dark,
             "snr": float(link.snr(signal, dark, noise)),
             "cnr": float(link.cnr(signal, background, dark, noise)),
-            "full_well_fraction": (signal + dark) / usable_well(self.sensor),
+            "full_well_fraction": (signal + dark) / usable_well_electrons(self.sensor),
             "smear_px": self.smear_px_per_s * exposure_s,
         }
 
-    def _repr_html_(self) -> str:
-        from experiments.reporting.notebook import budget_html
 
-        return budget_html(self)
-
-
-def link_budget(scenario: Scenario, light: str, mean_rate: float | None = None) -> LinkBudget:
+def link_budget(scenario: Scenario, illumination: str, mean_rate: float | None = None) -> LinkBudget:
     """The closed-form budget of the scenario's range in an illumination.
 
     Args:
@@ -68,11 +63,11 @@ def link_budget(scenario: Scenario, light: str, mean_rate: float | None = None) 
             glare to spread; absent, the closed form's own estimate (`frame_light`).
     """
     scene_view, marker, target = view(scenario), scenario.marker, scenario.target
-    response, strength = responsivity(scenario), strengths(scenario)
+    response, strength = responsivity(scenario), source_spectra(scenario)
     wavelength = link.band_grid(response)
     viewer = scene_view.to_marker(np.zeros(3))
     leds = scene_view.to_marker(scenario.leds.positions_m())
-    falloff, sources = scenario.camera.relative_illumination(), lights_on(scenario, light)
+    falloff, sources = scenario.camera.relative_illumination(), active_sources(scenario, illumination)
 
     def rate(points_m: FloatArray, material: str, lights: tuple[str, ...]) -> FloatArray:
         brdf, total = library.load(material).brdf, np.zeros(len(points_m))
@@ -118,7 +113,7 @@ def link_budget(scenario: Scenario, light: str, mean_rate: float | None = None) 
         if mean_rate is None:
             mean_rate = mean_frame_rate(scene_view, lambda points, material: rate(points, material, sources))
         signal, background = (float(stray.veiled(v, camera.veiling_glare, mean_rate)) for v in (signal, background))
-    if light == "sun" and camera.point_source_transmittance:
+    if illumination == "sunlit" and camera.point_source_transmittance:
         signal, background = (v + sun_stray_rate(scenario) for v in (signal, background))
     speed = np.radians(scenario.target.tumble_deg_s) * scenario.target.tumble_lever_m
     return LinkBudget(
@@ -145,15 +140,15 @@ def _earth_transport(scene_view: View, brdf: link.Brdf, wavelength_nm: FloatArra
     )
 
 
-def link_budget_beside(scenario: Scenario, light: str, rate: FloatArray) -> LinkBudget:
+def link_budget_beside(scenario: Scenario, illumination: str, rate: FloatArray) -> LinkBudget:
     """The closed-form budget, with the veil that a rendered frame's own mean rate (height, width) spreads."""
     if scenario.camera.veiling_glare == 0:
-        return link_budget(scenario, light)
-    stray_rate = sun_stray_rate(scenario) if "sun" in LIGHTS_ON[light] else 0.0
-    return link_budget(scenario, light, float(rate.mean()) - stray_rate)
+        return link_budget(scenario, illumination)
+    stray_rate = sun_stray_rate(scenario) if "sunlit" in SOURCES[illumination] else 0.0
+    return link_budget(scenario, illumination, float(rate.mean()) - stray_rate)
 
 
-def exposure_s(scenario: Scenario, budget: LinkBudget, exposure: float | str) -> float:
+def solve_exposure(scenario: Scenario, budget: LinkBudget, exposure: float | str) -> float:
     """The exposure in seconds; 'auto' is the one that brings the bright bits to the wanted fraction of full well.
 
     Raises:
@@ -162,7 +157,7 @@ def exposure_s(scenario: Scenario, budget: LinkBudget, exposure: float | str) ->
     if not isinstance(exposure, str):
         return exposure
     auto = scenario.auto_exposure
-    charge = auto.full_well_fraction * usable_well(scenario.sensor)
+    charge = auto.full_well_fraction * usable_well_electrons(scenario.sensor)
     rate = budget.signal_rate + scenario.sensor.dark_rate_electrons_per_s
     if np.isnan(rate):
         raise ValueError(

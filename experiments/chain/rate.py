@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from experiments.chain.illumination import lights_on, responsivity, strengths, sun_stray_rate
+from experiments.chain.illumination import active_sources, responsivity, source_spectra, sun_stray_rate
 from experiments.scenario import Scenario
 from radiometry import stray
 from radiometry.geometry import FloatArray
@@ -12,7 +12,7 @@ from radiometry.optics import node_weights
 from scenes.render.transport import TransportBasis
 
 
-def electron_rate(scenario: Scenario, basis: TransportBasis, light: str) -> FloatArray:
+def electron_rate(scenario: Scenario, basis: TransportBasis, illumination: str) -> FloatArray:
     """Photo-electrons per second of every pixel, (height, width), in an illumination ('eclipse' or 'sun').
 
     The lens's glare is spread, and stray light of the Sun added, last.
@@ -20,12 +20,12 @@ def electron_rate(scenario: Scenario, basis: TransportBasis, light: str) -> Floa
     Raises:
         ValueError: when the basis is not of the camera's size, or lacks a light that the scenario has.
     """
-    camera, strength = scenario.camera, strengths(scenario)
+    camera, strength = scenario.camera, source_spectra(scenario)
     shape = (camera.height_px, camera.width_px)
     sine2 = 1 - np.sqrt(camera.natural_falloff())
     table = _incidence_table(scenario, float(sine2.max()))
     rate = np.zeros(shape)
-    for source in lights_on(scenario, light):
+    for source in active_sources(scenario, illumination):
         if source not in basis.layers:
             raise ValueError(f"transport basis has no {source} layers; render it again with the scenario's [{source}]")
         images = basis.layers[source]
@@ -45,7 +45,7 @@ def electron_rate(scenario: Scenario, basis: TransportBasis, light: str) -> Floa
     rate = np.maximum(rate, 0.0) * camera.relative_illumination()
     if camera.veiling_glare > 0:
         rate = stray.veiled(rate, camera.veiling_glare)
-    return rate + sun_stray_rate(scenario) if light == "sun" and camera.point_source_transmittance else rate
+    return rate + sun_stray_rate(scenario) if illumination == "sunlit" and camera.point_source_transmittance else rate
 
 
 def _incidence_table(scenario: Scenario, largest: float) -> FloatArray:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from detector.sensor.sensor import usable_well
-from experiments.chain.illumination import lights_on, responsivity, strengths
+from detector.sensor.sensor import usable_well_electrons
+from experiments.chain.illumination import active_sources, responsivity, source_spectra
 from experiments.chain.rate import electron_rate
 from experiments.chain.view import view
 from experiments.scenario import Scenario
@@ -17,7 +17,7 @@ from scenes.render.transport import TransportBasis
 
 
 def renderer_variance_fraction(
-    scenario: Scenario, basis: TransportBasis, light: str, seconds: float, rate: FloatArray | None = None
+    scenario: Scenario, basis: TransportBasis, illumination: str, seconds: float, rate: FloatArray | None = None
 ) -> float:
     """Largest share of the renderer's variance in shot noise's, over the ArUco's and the elements' pixels, in an exposure.
 
@@ -28,7 +28,7 @@ def renderer_variance_fraction(
     Args:
         rate: `electron_rate` of the same, where it is known.
     """
-    if any(source not in basis.noise for source in lights_on(scenario, light)):
+    if any(source not in basis.noise for source in active_sources(scenario, illumination)):
         return float("nan")
     scene_view = view(scenario)
     frame = frame_box(scene_view)
@@ -37,12 +37,12 @@ def renderer_variance_fraction(
     pixels = seen.aruco | seen.opening
     if not pixels.any():
         return float("nan")
-    strength, response = strengths(scenario), responsivity(scenario)
+    strength, response = source_spectra(scenario), responsivity(scenario)
     falloff = scenario.camera.relative_illumination()[part] * seconds
     draw = np.zeros(pixels.shape)
-    for source in lights_on(scenario, light):
+    for source in active_sources(scenario, illumination):
         # The noise is a mean over the wavelengths; reflectances vary little over a passband.
         draw += basis.noise[source][part] * float(np.sum(node_weights(strength[source] * response, basis.nodes_nm)))
-    electrons = (electron_rate(scenario, basis, light) if rate is None else rate)[part] * seconds
-    fill = np.minimum(1.0, usable_well(scenario.sensor) / np.maximum(electrons, 1e-12))
+    electrons = (electron_rate(scenario, basis, illumination) if rate is None else rate)[part] * seconds
+    fill = np.minimum(1.0, usable_well_electrons(scenario.sensor) / np.maximum(electrons, 1e-12))
     return float(density.fractions(draw * falloff * fill, electrons * fill, pixels)[pixels].max())

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from detector.sensor.sensor import usable_well
+from detector.sensor.sensor import usable_well_electrons
 from experiments.chain.provenance import provenance
 from experiments.chain.view import view
 from experiments.scenario import Scenario
@@ -26,7 +26,7 @@ def quality(scenario: Scenario) -> Quality:
     less than a factor of two, and all small ones, share one, too.
     """
     least = Quality.electrons
-    well = least * 2.0 ** np.ceil(np.log2(max(usable_well(scenario.sensor) / least, 1.0)))
+    well = least * 2.0 ** np.ceil(np.log2(max(usable_well_electrons(scenario.sensor) / least, 1.0)))
     return Quality(scenario.render.frame_samples, scenario.render.marker_rays, scenario.render.seed, float(well))
 
 

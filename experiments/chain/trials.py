@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from detector.detect import Features
-from detector.sensor.sensor import Sensor, usable_well
+from detector.features import Features
+from detector.sensor.sensor import Sensor, usable_well_electrons
 from experiments.chain.detection import look, pose_errors
-from experiments.chain.exposure import take_frame
+from experiments.chain.exposure import expose
 from experiments.chain.link_budget import LinkBudget
 from experiments.chain.view import view
 from experiments.scenario import Scenario
@@ -80,7 +80,7 @@ class Trials:
 
 
 def known_values(
-    scenario: Scenario, light: str, budget: LinkBudget, rate: FloatArray, seconds: list[float]
+    scenario: Scenario, illumination: str, budget: LinkBudget, rate: FloatArray, seconds: list[float]
 ) -> dict[str, list[float]]:
     """Per exposure, what needs no noise: closed form, thesis, and the rendered expectation."""
     scene_view, marker, printed = view(scenario), scenario.marker, PrintedModel()
@@ -94,9 +94,11 @@ def known_values(
             values[f"{name}_analytic"].append(analytic[name])
         values["signal_expected"].append(signal_rate * t)
         values["background_expected"].append(background_rate * t)
-        values["full_well_fraction"].append((signal_rate * t + analytic["dark"]) / usable_well(scenario.sensor))
+        values["full_well_fraction"].append(
+            (signal_rate * t + analytic["dark"]) / usable_well_electrons(scenario.sensor)
+        )
         values["smear_px"].append(analytic["smear_px"])
-        values["snr_thesis"].append(float(printed.snr(scenario.range_m, t, sun=light == "sun")))
+        values["snr_thesis"].append(float(printed.snr(scenario.range_m, t, sun=illumination == "sunlit")))
     return {name: v for name, v in values.items() if v}
 
 
@@ -106,37 +108,37 @@ def _mean_over_bits(image: FloatArray, pixels: BitPixels) -> float:
     return float(np.mean(seen)) if seen else np.nan
 
 
-def draw(scenario: Scenario, rate: FloatArray, light: str, seconds: list[float]) -> list[Trials]:
+def draw(scenario: Scenario, rate: FloatArray, illumination: str, seconds: list[float]) -> list[Trials]:
     """Noise draws of every exposure: statistics of the bits, detection and pose."""
-    return list(draws(scenario, rate, light, seconds))
+    return list(draws(scenario, rate, illumination, seconds))
 
 
-def draws(scenario: Scenario, rate: FloatArray, light: str, seconds: list[float]) -> Iterator[Trials]:
+def draws(scenario: Scenario, rate: FloatArray, illumination: str, seconds: list[float]) -> Iterator[Trials]:
     """`draw`, one exposure after the other as they are asked for."""
     scene_view, marker = view(scenario), scenario.marker
     white = bit_pixels(scene_view, marker.white_bit_centres_m())
     black = bit_pixels(scene_view, marker.black_bit_centres_m())
     for t in seconds:
-        yield _draw_exposure(scenario, rate, light, t, _index(white), _index(black))
+        yield _draw_exposure(scenario, rate, illumination, t, _index(white), _index(black))
 
 
 def _draw_exposure(
-    scenario: Scenario, rate: FloatArray, light: str, seconds: float, bright: Pixels, dark: Pixels
+    scenario: Scenario, rate: FloatArray, illumination: str, seconds: float, bright: Pixels, dark: Pixels
 ) -> Trials:
     sensor, trials = scenario.sensor, scenario.budget.trials
     signal, background = np.empty((trials, len(bright[0]))), np.empty((trials, len(dark[0])))
-    sightings, first = [], None
+    detections, first = [], None
     for trial in range(trials):
-        frame = take_frame(scenario, rate, light, seconds, trial).dn
+        frame = expose(scenario, rate, illumination, seconds, trial).dn
         first = frame if first is None else first
         signal[trial], background[trial] = _electrons(sensor, frame[bright]), _electrons(sensor, frame[dark])
-        sightings.append(look(scenario, frame))
+        detections.append(look(scenario, frame))
     assert first is not None
-    errors = np.array([pose_errors(scenario, s.pose) for s in sightings])
-    found = np.array([s.features.detected for s in sightings])
+    errors = np.array([pose_errors(scenario, s.pose) for s in detections])
+    found = np.array([s.features.detected for s in detections])
     ceiling = (sensor.saturation_dn - sensor.offset_dn) * sensor.gain_electrons_per_dn
     saturated = float(np.mean(signal >= ceiling - 4 * sensor.total_noise_electrons))
-    stated = [s.pose.covariance for s in sightings if s.pose is not None]
+    stated = [s.pose.covariance for s in detections if s.pose is not None]
     return Trials(
         {
             **_noise_statistics(signal, background, saturated),
@@ -146,7 +148,7 @@ def _draw_exposure(
             "range_error_p95": _percentile95(errors[:, 1]),
         },
         found, np.degrees(errors[:, 0]), errors[:, 1], np.mean(stated, axis=0) if stated else np.full((6, 6), np.nan),
-        _reason([s.features.reason for s in sightings]), first, sightings[0].features,
+        _reason([s.features.reason for s in detections]), first, detections[0].features,
     )  # fmt: skip
 
 

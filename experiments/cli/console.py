@@ -12,7 +12,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from experiments.reporting.formatting import LIGHT_NAMES, number, seconds_text
+from experiments.reporting.formatting import ILLUMINATION_NAMES, number, seconds_text
 from experiments.studies.budget.study import BudgetResult, shown_exposure
 from experiments.studies.budget.verdict import CaseVerdict, Summary, exposure_name, summarise
 
@@ -34,9 +34,11 @@ def budget_table(result: BudgetResult) -> Table:
     table.add_column("verdict\n", justify="left", min_width=11)
     for case in summarise(result.dataset, result.scenario).shown:
         table.add_section()
-        table.add_row(Text(LIGHT_NAMES[case.light], style="bold"))
+        table.add_row(Text(ILLUMINATION_NAMES[case.illumination], style="bold"))
         for range_m in case.ranges_m:
-            table.add_row(*_cells(result.dataset.sel(light=case.light, range_m=range_m).isel(exposure=shown), case))
+            table.add_row(
+                *_cells(result.dataset.sel(illumination=case.illumination, range_m=range_m).isel(exposure=shown), case)
+            )
     return table
 
 

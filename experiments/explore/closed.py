@@ -28,8 +28,8 @@ ENDS = {
 
 def numbers(scenario: Scenario, budgets: Budgets, pair: bool) -> dict[str, Any]:
     """The closed form of a state: exposure, levels, ratios, and each criterion with its limit and margin."""
-    budget = budgets.by_light[scenario.light]
-    seconds = chain.exposure_s(scenario, budget, scenario.exposure_s)
+    budget = budgets.by_illumination[scenario.illumination]
+    seconds = chain.solve_exposure(scenario, budget, scenario.exposure_s)
     values = at_exposure(scenario, budgets, seconds, pair)
     verdicts = closure.judge(scenario.requirement, {name: values[key] for name, key in JUDGED.items()})
     failing = [v for v in verdicts if not v.passed]
@@ -51,7 +51,7 @@ def at_exposure(scenario: Scenario, budgets: Budgets, seconds: float, pair: bool
     In the difference the Sun's light cancels and both frames' noise stays: its signal S is the LEDs', and its variance
     (S_on + D + σ²) + (S_off + D + σ²).
     """
-    whole, led = budgets.by_light[scenario.light], budgets.by_light["eclipse"]
+    whole, led = budgets.by_illumination[scenario.illumination], budgets.by_illumination["eclipse"]
     values = {**whole.at(seconds), "px_per_bit": whole.px_per_bit}
     if pair:
         floor = 2 * (values["dark"] + scenario.sensor.total_noise_electrons**2)
@@ -77,7 +77,7 @@ def _gauge(verdict: closure.Verdict) -> dict[str, Any]:
 
 def _snr_gauge(scenario: Scenario, snr: float) -> dict[str, Any]:
     """SNR has no requirement of its own; what bounds it is a full pixel."""
-    full = float(link.snr(chain.usable_well(scenario.sensor), 0.0, scenario.sensor.total_noise_electrons))
+    full = float(link.snr(chain.usable_well_electrons(scenario.sensor), 0.0, scenario.sensor.total_noise_electrons))
     return {
         "name": "snr", "label": "SNR", "value": snr, "text": number(snr), "limit": full, "at_least": False,
         "limit_text": f"a full pixel has {number(full)}", "passed": None, "margin": None,
@@ -91,12 +91,12 @@ def curve(scenario: Scenario, points: Iterable[tuple[float, Budgets]], pair: boo
     for range_m, budgets in points:
         ranges.append(range_m)
         here = scenario.model_copy(update={"range_m": range_m})
-        budget = budgets.by_light[scenario.light]
+        budget = budgets.by_illumination[scenario.illumination]
         if np.isnan(budget.signal_rate):
             for found in margins.values():
                 found.append(None)
             continue
-        values = at_exposure(here, budgets, chain.exposure_s(here, budget, scenario.exposure_s), pair)
+        values = at_exposure(here, budgets, chain.solve_exposure(here, budget, scenario.exposure_s), pair)
         for verdict in closure.judge(scenario.requirement, {name: values[key] for name, key in JUDGED.items()}):
             margins[verdict.name].append(min(max(verdict.margin, 1e-9), 1e9))
     return {"range_m": ranges, "margins": margins, "names": NAMES}

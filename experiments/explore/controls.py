@@ -68,7 +68,7 @@ def controls(base: Scenario) -> tuple[Control, ...]:
         _slider(base, "range_m", "Range", "m", base.budget.ranges_m, "Geometry"),
         _slider(base, "target.yaw_deg", "Tilt about the vertical axis (yaw)", "°", tilts, "Geometry"),
         _slider(base, "target.pitch_deg", "Tilt about the horizontal axis (pitch)", "°", tilts, "Geometry"),
-        _choice(base, "light", "Sun", ("eclipse", "sun"), ("off: eclipse", "on"), base.light, "Light", live=True),
+        _choice(base, "illumination", "Sun", ("eclipse", "sunlit"), ("off: eclipse", "on"), base.illumination, "Light", live=True),
         _slider(base, "sun.phase_deg", "Phase angle, Sun–target–camera", "°", (10, 20, 30, 45, 60, 75, 90, 120, 150), "Light"),
         Control(
             "drive", "LED current, the scenario's", "×", "slider", tuple(drives), tuple(f"× {v:g}" for v in drives), 1.0, True,
@@ -201,7 +201,9 @@ def scenario_of(base: Scenario, state: Mapping[str, Value]) -> Scenario:
         "leds.electrical_power_w": lit.leds.electrical_power_w * drive,
     }
     exposure = "auto" if state["exposure"] == "auto" else float(state["exposure_s"])
-    return lit.with_values({**(leds if drive != 1 else {}), "light": state["light"], "exposure_s": exposure})
+    return lit.with_values(
+        {**(leds if drive != 1 else {}), "illumination": state["illumination"], "exposure_s": exposure}
+    )
 
 
 def geometry_of(base: Scenario, state: Mapping[str, Value]) -> Scenario:
@@ -215,7 +217,7 @@ def geometry_of(base: Scenario, state: Mapping[str, Value]) -> Scenario:
     values: dict[str, Any] = {
         key: value
         for key, value in state.items()
-        if key not in ("light", "drive", "exposure", "exposure_s", "pair", "filter.preset", "sensor.preset")
+        if key not in ("illumination", "drive", "exposure", "exposure_s", "pair", "filter.preset", "sensor.preset")
     }
     values["leds.count"] = round(float(values["leds.count"]))
     return scenario.with_values({**values, **_window(scenario)})

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from detector.detect import detect_features
+from detector.features import find_features
 from detector.pose.pose import solve_pose
 from detector.sensor.sensor import Sensor, expose
 from experiments import chain
@@ -41,22 +41,22 @@ class Shot:
 
     image: FloatArray | NDArray[np.uint16]
     dn: NDArray[np.uint16]
-    seen: chain.Sighting
+    seen: chain.Detection
 
 
 def shoot(scenario: Scenario, rate: FloatArray, off_rate: FloatArray | None, seconds: float) -> Shot:
     """One exposure and what the detector finds in it; with the Sun's rate alone, the difference of a pair."""
-    frame = chain.take_frame(scenario, rate, scenario.light, seconds).dn
+    frame = chain.expose(scenario, rate, scenario.illumination, seconds).dn
     if off_rate is None:
-        return Shot(frame, frame, chain.look(scenario, frame))
+        return Shot(frame, frame, chain.detect(scenario, frame))
     # The frame without LEDs is the next of the same noise stream.
-    rng = chain.frame_generator(scenario, scenario.light, seconds, trial=1)
+    rng = chain.frame_generator(scenario, scenario.illumination, seconds, trial=1)
     dark = expose(scenario.sensor, off_rate, seconds, rng).dn
     image, noise = difference(scenario.sensor, frame, dark, np.zeros(2))
     camera = chain.view(scenario).camera
-    features = detect_features(image, scenario.marker, camera, noise, scenario.leds.ring_radius_m)
+    features = find_features(image, scenario.marker, camera, noise, scenario.leds.ring_radius_m)
     pose = solve_pose(features, scenario.marker, camera) if features.detected else None
-    return Shot(image, frame, chain.Sighting(features, pose))
+    return Shot(image, frame, chain.Detection(features, pose))
 
 
 def rendered(scenario: Scenario, prepared: Prepared, drive: float, pair: bool) -> dict[str, Any]:
@@ -67,16 +67,16 @@ def rendered(scenario: Scenario, prepared: Prepared, drive: float, pair: bool) -
         prepared: its geometry at the current of the scenario that was opened.
         drive: LED current over that.
     """
-    budgets, light = prepared.budgets.scaled(drive), scenario.light
-    budget, rate = budgets.by_light[light], prepared.rate(light, drive)
-    seconds = chain.exposure_s(scenario, budget, scenario.exposure_s)
-    off = np.maximum(prepared.rates[light] - prepared.rates["eclipse"], 0.0) if pair else None
+    budgets, illumination = prepared.budgets.scaled(drive), scenario.illumination
+    budget, rate = budgets.by_illumination[illumination], prepared.rate(illumination, drive)
+    seconds = chain.solve_exposure(scenario, budget, scenario.exposure_s)
+    off = np.maximum(prepared.rates[illumination] - prepared.rates["eclipse"], 0.0) if pair else None
     shot = shoot(scenario, rate, off, seconds)
-    known = {name: values[0] for name, values in known_values(scenario, light, budget, rate, [seconds]).items()}
+    known = {name: values[0] for name, values in known_values(scenario, illumination, budget, rate, [seconds]).items()}
     return {
         **_pictures(scenario, shot),
         "histogram": histogram(scenario.sensor, shot.dn),
-        "sighting": as_record(shot.seen),
+        "detection": as_record(shot.seen),
         "lines": describe(shot.seen),
         "pose": pose_view(scenario, shot.seen),
         "models": models(scenario, budget, known, seconds),
@@ -88,7 +88,7 @@ def models(
 ) -> list[dict[str, Any]]:
     """The thesis as printed, the closed form, and the rendered frame before noise: S, B, SNR and CNR of one frame."""
     dark, noise = scenario.sensor.dark_electrons(seconds), scenario.sensor.total_noise_electrons
-    printed = PrintedModel().signal_e(scenario.range_m, seconds, sun=scenario.light == "sun")
+    printed = PrintedModel().signal_e(scenario.range_m, seconds, sun=scenario.illumination == "sunlit")
     signal, background = known["signal_expected"], known["background_expected"]
     rows = (
         ("the thesis as printed", float(printed), None, known["snr_thesis"], None),
@@ -129,7 +129,7 @@ def histogram(sensor: Sensor, dn: NDArray[np.uint16]) -> dict[str, Any]:
     return {
         "edges": electrons.tolist(),
         "counts": np.diff(cumulative[cut]).tolist(),
-        "full_well": chain.usable_well(sensor),
+        "full_well": chain.usable_well_electrons(sensor),
         "saturated": float(np.mean(dn >= sensor.saturation_dn)),
     }
 
@@ -156,7 +156,7 @@ def _pictures(scenario: Scenario, shot: Shot) -> dict[str, Any]:
     }
 
 
-def pose_view(scenario: Scenario, seen: chain.Sighting) -> dict[str, Any] | None:
+def pose_view(scenario: Scenario, seen: chain.Detection) -> dict[str, Any] | None:
     """Errors of the pose, and 95 % ellipses of its covariance: across the line of sight [mm], and of the tilt [°].
 
     None without a pose. Attitude is the turn from the estimate to the truth about the camera's x and y axes.

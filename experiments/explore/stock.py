@@ -21,7 +21,7 @@ from experiments.scenario import Scenario
 from radiometry.geometry import FloatArray
 from scenes.files.cache import TransportCache, default_folder
 
-LIGHTS = tuple(chain.LIGHTS_ON)
+LIGHTS = tuple(chain.SOURCES)
 #: Bytes of prepared frames kept in memory; the least recently used make room.
 LIMIT_BYTES = 2**30
 
@@ -30,22 +30,22 @@ LIMIT_BYTES = 2**30
 class Budgets:
     """The closed-form budget of one geometry by illumination."""
 
-    by_light: dict[str, chain.LinkBudget]
+    by_illumination: dict[str, chain.LinkBudget]
 
     def scaled(self, drive: float) -> Budgets:
         """With the LEDs' light times a factor; the Sun's is what is left without them."""
         if drive == 1:
             return self
-        dark = self.by_light["eclipse"]
+        dark = self.by_illumination["eclipse"]
         return Budgets(
             {
-                light: replace(
+                illumination: replace(
                     budget,
                     signal_rate=budget.signal_rate + (drive - 1) * dark.signal_rate,
                     background_rate=budget.background_rate + (drive - 1) * dark.background_rate,
                     tape_rate=budget.tape_rate + (drive - 1) * dark.tape_rate,
                 )
-                for light, budget in self.by_light.items()
+                for illumination, budget in self.by_illumination.items()
             }
         )
 
@@ -62,23 +62,25 @@ class Prepared:
         """Memory that it takes."""
         return sum(rate.nbytes for rate in self.rates.values())
 
-    def rate(self, light: str, drive: float) -> FloatArray:
+    def rate(self, illumination: str, drive: float) -> FloatArray:
         """Electron rates with the LEDs' light times a factor, (H, W) [e⁻/s]."""
-        whole = self.rates[light]
+        whole = self.rates[illumination]
         return whole if drive == 1 else whole + (drive - 1) * self.rates["eclipse"]
 
 
 def prepare(scenario: Scenario) -> Prepared:
     """Transport, from the cache or rendered, as electron rates in both illuminations, and the closed form beside it."""
     basis = next(chain.transports([scenario], TransportCache(default_folder())))
-    rates = {light: chain.electron_rate(scenario, basis, light) for light in LIGHTS}
-    budgets = {light: chain.link_budget_beside(scenario, light, rates[light]) for light in LIGHTS}
+    rates = {illumination: chain.electron_rate(scenario, basis, illumination) for illumination in LIGHTS}
+    budgets = {
+        illumination: chain.link_budget_beside(scenario, illumination, rates[illumination]) for illumination in LIGHTS
+    }
     return Prepared(rates, Budgets(budgets))
 
 
 def closed_form(scenario: Scenario) -> Budgets:
     """The closed form of one geometry in both illuminations, without rendering."""
-    return Budgets({light: chain.link_budget(scenario, light) for light in LIGHTS})
+    return Budgets({illumination: chain.link_budget(scenario, illumination) for illumination in LIGHTS})
 
 
 def _aside(function: Callable[[Scenario], Any], scenario: Scenario) -> Any:

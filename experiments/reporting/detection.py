@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from experiments.chain import Sighting
+from experiments.chain import Detection
 
 
-def as_record(seen: Sighting) -> dict[str, Any]:
+def as_record(seen: Detection) -> dict[str, Any]:
     """Plain data: detected, id, corners_px, blobs_px, virtual_points_px, pose or null, reason."""
     features, pose = seen.features, seen.pose
     reason = features.reason
@@ -33,7 +33,7 @@ def as_record(seen: Sighting) -> dict[str, Any]:
     }
 
 
-def describe(seen: Sighting) -> list[str]:
+def describe(seen: Detection) -> list[str]:
     """Lines for a terminal."""
     features, pose = seen.features, seen.pose
     if not features.detected:

@@ -6,7 +6,7 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
-LIGHT_NAMES = {"eclipse": "eclipse", "sun": "sunlight"}
+ILLUMINATION_NAMES = {"eclipse": "eclipse", "sunlit": "sunlight"}
 
 
 def number(value: float) -> str:

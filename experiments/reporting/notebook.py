@@ -1,18 +1,22 @@
-"""How results look in a Jupyter notebook: small HTML tables and pictures, legible on light and dark pages."""
+"""How results look in a Jupyter notebook: small HTML tables and pictures, legible on light and dark pages.
+
+The types know nothing of this: `register` tells a running IPython which function shows which type.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import sys
+from collections.abc import Callable, Iterable, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from experiments.reporting.formatting import LIGHT_NAMES, number, seconds_text
+from experiments.reporting.formatting import ILLUMINATION_NAMES, number, seconds_text
 
 if TYPE_CHECKING:
-    from experiments.chain import LinkBudget, Sighting
-    from experiments.chain.exposure import Shot
+    from experiments.chain import Detection, LinkBudget
+    from experiments.chain.shoot import Exposure
     from experiments.scenario import Scenario
 
 _CELL = 'style="text-align:left;padding:1px 10px 1px 0"'
@@ -61,7 +65,7 @@ def budget_html(budget: LinkBudget) -> str:
     return table(rows, ("closed form", "value", "unit"))
 
 
-def sighting_html(seen: Sighting) -> str:
+def detection_html(seen: Detection) -> str:
     """Whether the marker was found, its corners and blobs, and its pose with one standard deviation."""
     from experiments.reporting.detection import describe
 
@@ -77,8 +81,8 @@ def _value(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) and np.isfinite(value) else str(value)
 
 
-def shot_html(shot: Shot) -> str:
-    """The frame about the marker with the detections drawn, the sighting, and the errors against the scenario."""
+def exposure_html(shot: Exposure) -> str:
+    """The frame about the marker with the detections drawn, the detection, and the errors against the scenario."""
     from experiments.chain import view
     from experiments.reporting.pictures import legend, marker_picture
 
@@ -86,12 +90,34 @@ def shot_html(shot: Shot) -> str:
     outline = seen.to_image(seen.marker.corners_m)
     side = 1.2 / seen.marker.aruco_fraction * float(np.ptp(outline, axis=0).max())
     centre = outline.mean(axis=0)
-    picture = marker_picture(shot.frame, shot.sighting.features, centre, side, outline)
+    picture = marker_picture(shot.frame, shot.detection.features, centre, side, outline)
     errors = [
         (
             "taken",
-            f"at {shot.scenario.range_m:g} m, {LIGHT_NAMES[shot.scenario.light]}, {seconds_text(shot.exposure_s)}",
+            f"at {shot.scenario.range_m:g} m, {ILLUMINATION_NAMES[shot.scenario.illumination]}, {seconds_text(shot.exposure_s)}",
         ),
         ("error", f"attitude {number(np.degrees(shot.attitude_error_rad))}°, range {number(100 * shot.range_error)} %"),
     ]
-    return f"{picture.svg}<p>{legend()}</p>{table(errors)}{sighting_html(shot.sighting)}"
+    return f"{picture.svg}<p>{legend()}</p>{table(errors)}{detection_html(shot.detection)}"
+
+
+#: Type by module and name, so that nothing is imported before it is shown -> what shows it.
+DISPLAYS: dict[tuple[str, str], Callable[[Any], str]] = {
+    ("experiments.scenario.model", "Scenario"): scenario_html,
+    ("experiments.chain.link_budget", "LinkBudget"): budget_html,
+    ("detector.detect", "Detection"): detection_html,
+    ("experiments.chain.shoot", "Exposure"): exposure_html,
+}
+
+
+def register() -> None:
+    """Have a running IPython show this project's types as HTML; nothing where none runs."""
+    if "IPython" not in sys.modules:
+        return
+    from IPython import get_ipython
+
+    shell = get_ipython()
+    if shell is not None and shell.display_formatter is not None:
+        formatter = shell.display_formatter.formatters["text/html"]
+        for (module, name), show in DISPLAYS.items():
+            formatter.for_type_by_name(module, name, show)

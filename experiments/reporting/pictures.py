@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from detector.detect import Features
+from detector.features import Features
 from experiments.reporting.figures import GREEN, ORANGE, SKY, VERMILION, YELLOW
 from radiometry.geometry import FloatArray
 

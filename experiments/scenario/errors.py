@@ -12,6 +12,10 @@ from pydantic import BaseModel, ValidationError
 _WORDS = {"a valid tuple": "a list in square brackets", "a valid list": "a list in square brackets"}
 
 
+#: Keys of earlier versions, and what they are called now.
+RENAMED = {"light": "illumination", "budget.lights": "budget.illuminations"}
+
+
 def explain(error: ValidationError, root: type[BaseModel]) -> str:
     """One line about the first thing wrong with a model's data, and how many more there are."""
     # A misspelt key is also a missing one: name the misspelling.
@@ -86,6 +90,9 @@ def _every_key(root: type[BaseModel], above: tuple[str, ...] = ()) -> Iterator[t
 def _suggestion(location: list[Any], root: type[BaseModel]) -> str:
     """'; did you mean …?' of the nearest key, beside the unknown one or in another section; empty where none is near."""
     *parents, wrong = map(str, location)
+    renamed = RENAMED.get(".".join((*parents, wrong)))
+    if renamed is not None:
+        return f"; it is {renamed!r} now, with 'eclipse' or 'sunlit'"
 
     def likeness(key: tuple[str, ...]) -> float:
         score = difflib.SequenceMatcher(None, wrong, key[-1]).ratio()

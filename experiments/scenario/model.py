@@ -30,7 +30,7 @@ from scenes.target import Target
 
 Range = Annotated[float, Field(ge=0.05, le=1000, allow_inf_nan=False)]
 Exposure = Annotated[float, Field(gt=0, le=100, allow_inf_nan=False)] | Literal["auto"]
-Light = Literal["eclipse", "sun"]
+Illumination = Literal["eclipse", "sunlit"]
 
 DEFAULT_SCENARIO = "default"
 #: Keys of [target] that name a material: one of the library, or a path of a data file.
@@ -87,7 +87,9 @@ class BudgetPlan(BaseModel):
     ranges_m: Annotated[tuple[Range, ...], Field(min_length=1, max_length=1000)] = Field(
         tuple(float(r) for r in range(1, 21)), description="ranges [m], increasing"
     )
-    lights: Annotated[tuple[Light, ...], Field(min_length=1)] = Field(("eclipse", "sun"), description="illuminations")
+    illuminations: Annotated[tuple[Illumination, ...], Field(min_length=1)] = Field(
+        ("eclipse", "sunlit"), description="illuminations"
+    )
     exposures_s: Annotated[tuple[Exposure, ...], Field(min_length=1)] = Field(
         (1 / 30, 1e-3, "auto"), description="exposures [s], or 'auto'"
     )
@@ -97,8 +99,8 @@ class BudgetPlan(BaseModel):
     def _distinct(self) -> BudgetPlan:
         if list(self.ranges_m) != sorted(set(self.ranges_m)):
             raise ValueError("ranges_m: must increase, none twice [m]")
-        if len(set(self.lights)) < len(self.lights) or len(set(self.exposures_s)) < len(self.exposures_s):
-            raise ValueError("lights and exposures_s: none may occur twice")
+        if len(set(self.illuminations)) < len(self.illuminations) or len(set(self.exposures_s)) < len(self.exposures_s):
+            raise ValueError("illuminations and exposures_s: none may occur twice")
         return self
 
 
@@ -109,7 +111,7 @@ class Scenario(BaseModel):
 
     title: str = Field("Mantis scenario", max_length=200, description="one line for reports")
     range_m: Range = Field(4.0, description="camera to marker along the optical axis [m]")
-    light: Light = Field("eclipse", description="'eclipse': LEDs alone; 'sun': LEDs and Sun")
+    illumination: Illumination = Field("eclipse", description="'eclipse': LEDs alone; 'sunlit': LEDs and Sun")
     exposure_s: Exposure = Field("auto", description="exposure and LED pulse [s], or 'auto'")
     seed: Annotated[int, Field(ge=0, lt=2**63)] = Field(1, description="seed of every random number")
     camera: Camera = Camera()
@@ -220,11 +222,6 @@ class Scenario(BaseModel):
         from experiments.scenario.keys import explained
 
         return explained(key, self)
-
-    def _repr_html_(self) -> str:
-        from experiments.reporting.notebook import scenario_html
-
-        return scenario_html(self)
 
 
 def load_scenario(source: str | Path | None = None, overrides: tuple[str, ...] = ()) -> Scenario:

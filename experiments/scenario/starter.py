@@ -12,7 +12,7 @@ from experiments.scenario.toml import toml_text
 #: Name of the schema that is written beside a starter file, where its first line tells an editor to look.
 SCHEMA_FILE = "mantis-scenario.schema.json"
 #: Top keys that are written out even at their defaults, for they are the first to be changed.
-_ALWAYS = ("title", "range_m", "light", "exposure_s", "seed")
+_ALWAYS = ("title", "range_m", "illumination", "exposure_s", "seed")
 _HEAD = f"""\
 #:schema ./{SCHEMA_FILE}
 # A Mantis scenario. A line that begins with "# " shows a key and what holds while it stays so: delete the "# " and

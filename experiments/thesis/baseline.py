@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from detector.detect import Features
+from detector.features import Features
 from detector.pattern.pattern import homography, project
 from radiometry.geometry import FloatArray
 from scenes.marker import ELEMENT_NAMES, MarkerDesign, aruco_dictionary

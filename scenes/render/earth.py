@@ -6,13 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from scenes.render.scene import Met
+from scenes.render.scene import SurfaceInteraction
 
 #: Squared chord below which directions about the camera's are drawn evenly: that of 0.1°, where tables of tape begin.
 _CORE_CHORD2 = float(np.radians(0.1) ** 2)
 
 
-def earth_radiance(met: Met, ray: Any, to_earth: Any, radius_rad: Any, draws: list[Any], back_to_viewer: bool) -> Any:
+def earth_radiance(
+    interaction: SurfaceInteraction, ray: Any, to_earth: Any, radius_rad: Any, draws: list[Any], back_to_viewer: bool
+) -> Any:
     """Radiance that each ray finds, per unit radiance of the disc: of the surface it hits, or of the disc itself behind it.
 
     One direction a ray, evenly over the disc's solid angle. Where the disc stands about the camera a second one is drawn about
@@ -47,11 +49,11 @@ def earth_radiance(met: Met, ray: Any, to_earth: Any, radius_rad: Any, draws: li
         density = dr.rcp(solid_angle)
         if back_to_viewer:
             density += dr.rcp(np.pi * span * (dr.squared_norm(direction - viewer.n) + core))
-        return dr.select(dr.dot(direction, earth.n) > rim, met.reflected(direction) / density, 0.0)
+        return dr.select(dr.dot(direction, earth.n) > rim, interaction.reflected(direction) / density, 0.0)
 
     # Equal steps of squared chord are equal solid angles.
     total = estimate(about(earth, 2 * cap * draws[0], 2 * np.pi * draws[1]))
     if back_to_viewer:
         chord2 = dr.minimum(core * (dr.exp(span * draws[2]) - 1), 4.0)
         total += estimate(about(viewer, chord2, 2 * np.pi * draws[3]))
-    return dr.select(~met.valid & (dr.dot(ray.d, earth.n) > rim), 1.0, total)
+    return dr.select(~interaction.valid & (dr.dot(ray.d, earth.n) > rim), 1.0, total)

@@ -18,7 +18,7 @@ from scenes.target import Target, surroundings
 from scenes.view import MM_PER_M
 
 
-class World:
+class Scene:
     """A Mitsuba scene in the marker frame [mm], without lights or sensor: both are data of the tracer."""
 
     def __init__(self, marker: MarkerDesign, surface: Target) -> None:
@@ -44,20 +44,20 @@ class World:
             parameters["faces"] = np.ascontiguousarray(faces, dtype=np.uint32).ravel()
             parameters.update()
             description[key] = mesh
-        self.scene = mi.load_dict(description)
-        self.shapes = {shape.id(): shape for shape in self.scene.shapes()}
+        self.solids = mi.load_dict(description)
+        self.shapes = {shape.id(): shape for shape in self.solids.shapes()}
         # Only where nothing stands before the front plane does a ray through it meet the marker and nothing else.
         flush = bounds_m(marker, surface)[1, 2] <= 0
         self.marker = MarkerRays(marker) if isinstance(marker, MarkerDesign) and flush else None
 
 
 @dataclass
-class Met:
-    """Surface points that rays have met, a lane each.
+class SurfaceInteraction:
+    """Surface points that rays have hit, a lane each.
 
     Attributes:
         hit: Mitsuba's interaction, in millimetres.
-        valid: whether anything was met.
+        valid: whether anything was hit.
         deep: whether on the floor of a slit.
     """
 
@@ -90,34 +90,36 @@ class Met:
         return dr.select(lit, brdf * out.z, 0.0)
 
 
-def meet(world: World, ray: Any, nodes_nm: tuple[int, ...]) -> Met:
+def intersect(scene: Scene, ray: Any, nodes_nm: tuple[int, ...]) -> SurfaceInteraction:
     """First surface points of camera rays, which reflect at up to four wavelengths."""
     import drjit as dr
     import mitsuba as mi
 
-    brdfs = [_brdf(material, nodes_nm) for material in world.materials.values()]
-    if world.marker is None:
-        hit = world.scene.ray_intersect(ray)
-        surface = _surface(world, hit)
-        return Met(hit, hit.is_valid(), mi.Bool(False), surface, brdfs, world.scene, None)
-    on_marker = world.marker.find(ray.o, ray.d)
-    hit = world.scene.ray_intersect(ray, active=~on_marker.found)
-    surface = dr.select(on_marker.found, dr.select(on_marker.bright, mi.UInt32(0), 1), _surface(world, hit))
+    brdfs = [_brdf(material, nodes_nm) for material in scene.materials.values()]
+    if scene.marker is None:
+        hit = scene.solids.ray_intersect(ray)
+        surface = _surface(scene, hit)
+        return SurfaceInteraction(hit, hit.is_valid(), mi.Bool(False), surface, brdfs, scene.solids, None)
+    on_marker = scene.marker.find(ray.o, ray.d)
+    hit = scene.solids.ray_intersect(ray, active=~on_marker.found)
+    surface = dr.select(on_marker.found, dr.select(on_marker.bright, mi.UInt32(0), 1), _surface(scene, hit))
     hit.t = dr.select(on_marker.found, on_marker.distance, hit.t)
     hit.p = dr.select(on_marker.found, ray(hit.t), hit.p)
     hit.n = dr.select(on_marker.found, on_marker.normal, hit.n)
     hit.sh_frame = mi.Frame3f(hit.n)
     hit.wi = hit.to_local(-ray.d)
-    return Met(hit, on_marker.found | hit.is_valid(), on_marker.floor, surface, brdfs, world.scene, on_marker)
+    return SurfaceInteraction(
+        hit, on_marker.found | hit.is_valid(), on_marker.floor, surface, brdfs, scene.solids, on_marker
+    )
 
 
-def _surface(world: World, hit: Any) -> Any:
+def _surface(scene: Scene, hit: Any) -> Any:
     import drjit as dr
     import mitsuba as mi
 
     index = mi.UInt32(0)
-    for k, name in enumerate(world.materials):
-        index = dr.select(hit.shape == mi.ShapePtr(world.shapes[name]), k, index)
+    for k, name in enumerate(scene.materials):
+        index = dr.select(hit.shape == mi.ShapePtr(scene.shapes[name]), k, index)
     return index
 
 

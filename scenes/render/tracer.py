@@ -20,7 +20,7 @@ from scenes.marker import MarkerDesign
 from scenes.projection.regions import at_rest
 from scenes.render.earth import earth_radiance
 from scenes.render.lattice import points
-from scenes.render.scene import World, meet
+from scenes.render.scene import Scene, intersect
 from scenes.target import Target
 from scenes.view import MM_PER_M, View
 
@@ -152,23 +152,25 @@ def trace(kind: Kind, segments: list[Segment], blocks: NDArray[np.int32], nodes_
     if kind.distorted:
         x, y = BrownConrady(data[9].x, data[9].y, data[9].z, data[9].w, data[8].w).undistort(x, y)
     ray = mi.Ray3f(origin, dr.normalize(axes[0] * x + axes[1] * y + axes[2]))
-    met = meet(_world(kind.marker, kind.surface), ray, nodes_nm)
+    interaction = intersect(_scene(kind.marker, kind.surface), ray, nodes_nm)
 
     # LED ring: one LED a ray, evenly over the ring, or some evenly spaced ones where slits let few of them in; intensity pattern
     # about the camera's axis.
     lamps, first = data[5].x, choice(0, data[6].z)
-    several = dr.select(met.deep, dr.minimum(mi.UInt32(dr.opaque(mi.UInt32, LEDS_IN_SLITS)), mi.UInt32(lamps)), 1)
+    several = dr.select(
+        interaction.deep, dr.minimum(mi.UInt32(dr.opaque(mi.UInt32, LEDS_IN_SLITS)), mi.UInt32(lamps)), 1
+    )
 
     def one_led(k: Any, total: Any) -> tuple[Any, Any]:
         turn = fraction(first + mi.Float(k) / mi.Float(several)) * lamps
         place = dr.gather(mi.Vector4f, led_table, led_start + mi.UInt32(dr.minimum(turn, lamps - 1)))
         led = mi.Point3f(place.x, place.y, place.z)
-        to_led = led - met.hit.p
+        to_led = led - interaction.hit.p
         distance2 = dr.squared_norm(to_led)
         to_led *= dr.rsqrt(distance2)
         cos_axis = dr.maximum(-dr.dot(to_led, axes[2]), 0.0)
         intensity = dr.power(cos_axis, data[5].y) / distance2 * MM_PER_M**2
-        return k + 1, total + met.reflected(to_led, led) * intensity
+        return k + 1, total + interaction.reflected(to_led, led) * intensity
 
     _, total = dr.while_loop((mi.UInt32(0), mi.Spectrum(0)), lambda k, _: k < several, one_led)
     spectra = {"led": total / mi.Float(several)}
@@ -176,12 +178,12 @@ def trace(kind: Kind, segments: list[Segment], blocks: NDArray[np.int32], nodes_
     # Sun: a uniform disc.
     disc = mi.warp.square_to_uniform_disk_concentric(mi.Point2f(choice(1, data[6].w), choice(2, data[7].x))) * data[4].y
     frame = mi.Frame3f(mi.Vector3f(data[8].x, data[8].y, data[8].z))
-    spectra["sun"] = met.reflected(dr.normalize(frame.n + frame.s * disc.x + frame.t * disc.y))
+    spectra["sun"] = interaction.reflected(dr.normalize(frame.n + frame.s * disc.x + frame.t * disc.y))
 
     if kind.earth:
         draws = [choice(3 + k, offset) for k, offset in enumerate((data[7].y, data[7].z, data[7].w, data[4].z))]
         towards = mi.Vector3f(data[10].x, data[10].y, data[10].z)
-        spectra["earth"] = earth_radiance(met, ray, towards, data[10].w, draws, kind.earth_about_camera)
+        spectra["earth"] = earth_radiance(interaction, ray, towards, data[10].w, draws, kind.earth_about_camera)
     dr.eval(*spectra.values())
     return Traced(spectra, len(nodes_nm))
 
@@ -206,5 +208,5 @@ def _row(segment: Segment, led_start: int) -> NDArray[np.float32]:
 
 
 @lru_cache(maxsize=4)
-def _world(marker: MarkerDesign, surface: Target) -> World:
-    return World(marker, surface)
+def _scene(marker: MarkerDesign, surface: Target) -> Scene:
+    return Scene(marker, surface)

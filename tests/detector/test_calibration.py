@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import chi2
 
 from detector.calibration.elements import ElementCalibration, KnownPose, calibrate_elements
-from detector.detect import Features
+from detector.features import Features
 from radiometry.geometry import attitude_matrix
 from radiometry.optics import Camera
 from scenes.marker import ELEMENT_NAMES, MarkerDesign

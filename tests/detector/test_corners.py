@@ -13,7 +13,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from synthetic import NOISE, electrons, expose, pose_at
 
-from detector.detect import detect_features
+from detector.features import find_features
 from detector.pattern.corners import fit_pattern
 from detector.pattern.pattern import CLEARANCE, SQUARE, Pattern, homography, kernel_sigma_px, project
 from detector.pose.bounds import bound
@@ -81,7 +81,7 @@ def test_the_fit_uses_the_ring_s_outer_edge(range_m: float) -> None:
     cut = Pattern(MARKER)
     cut.lines[0], cut.lines[-1], cut.outline = -9.0, 9.0, cut.ring
     images = [expose(mean, rng) for _ in range(60)]
-    ours = np.array([detect_features(image, MARKER, CAMERA, NOISE, 0.0).corners_px for image in images])
+    ours = np.array([find_features(image, MARKER, CAMERA, NOISE, 0.0).corners_px for image in images])
     short = [fit_pattern(image, cut, truth, SIGMA_PX, NOISE) for image in images]
     assert all(fit is not None for fit in short)
     scatter = [np.sqrt(np.var(c, axis=0, ddof=1).mean()) for c in (ours, np.array([f.corners_px for f in short if f]))]

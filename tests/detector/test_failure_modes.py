@@ -18,7 +18,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from synthetic import NOISE, electrons, expose, foil, pose_at, range_for
 
-from detector.detect import Features, detect_features
+from detector.features import Features, find_features
 from detector.pose.joint import FoundMarker, solve_face_pose
 from detector.pose.pose import Pose, solve_pose
 from detector.sensor.pair import difference
@@ -47,7 +47,7 @@ def shot(mean: FloatArray, seed: int) -> np.ndarray:
 
 
 def seen(image: np.ndarray, marker: MarkerDesign = MARKER, camera: Camera = CAMERA) -> Features:
-    return detect_features(image, marker, camera, NOISE, light_ring_m=0.0)
+    return find_features(image, marker, camera, NOISE, light_ring_m=0.0)
 
 
 def thesis(image: np.ndarray, marker: MarkerDesign = MARKER, refinement: str = "apriltag") -> Features:
@@ -92,7 +92,7 @@ def test_loss_of_aruco_in_sunlight_is_met_by_the_on_off_pair() -> None:
         on, off = shot(rate(seed, white=4000.0) + glare, seed), expose(glare, rng)
         assert not thesis(on).detected
         image, noise = difference(on, off, NOISE)
-        assert attitude_deg(solve_pose(detect_features(image, MARKER, CAMERA, noise, 0.0), MARKER, CAMERA)) < 1.0
+        assert attitude_deg(solve_pose(find_features(image, MARKER, CAMERA, noise, 0.0), MARKER, CAMERA)) < 1.0
 
 
 def test_loss_of_one_marker_is_met_by_the_others_of_the_face() -> None:

@@ -16,8 +16,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from synthetic import NOISE, electrons, expose, foil, pose_at, range_for
 
-from detector.detect import Features, detect_features
 from detector.elements.slits import Slits, lit_cells
+from detector.features import Features, find_features
 from detector.pattern.decode import decoder_of
 from detector.pattern.pattern import Pattern, homography, kernel_sigma_px
 from detector.sensor.noise import NoiseModel, estimate_noise
@@ -76,7 +76,7 @@ POSES = [
 def test_corners_are_unbiased_and_in_the_marker_s_order(pose):
     mean = frame(*pose, MEDIUM, 6500.0)
     rng = np.random.default_rng(2)
-    found = [detect_features(expose(mean, rng), MARKER, MEDIUM, NOISE) for _ in range(8)]
+    found = [find_features(expose(mean, rng), MARKER, MEDIUM, NOISE) for _ in range(8)]
     assert all(f.detected and f.identity == 0 for f in found)
     error = np.array([f.corners_px for f in found]) - true_corners(*pose, MEDIUM)
     assert np.abs(error.mean(0)).max() < 0.05
@@ -88,7 +88,7 @@ def test_blobs_are_unbiased(pose):
     # Eight sub-pixels a pixel, as elsewhere, would themselves move a blob by 0.03 px.
     mean = frame(*pose, MEDIUM, 6500.0, samples=20)
     rng = np.random.default_rng(3)
-    found = [detect_features(expose(mean, rng), MARKER, MEDIUM, NOISE, light_ring_m=0.0) for _ in range(8)]
+    found = [find_features(expose(mean, rng), MARKER, MEDIUM, NOISE, light_ring_m=0.0) for _ in range(8)]
     seen = 0
     for element in MARKER.elements:
         errors = [blob_error(f, element, MEDIUM, *pose) for f in found if f.blobs_px[element.name] is not None]
@@ -104,7 +104,7 @@ def test_the_reported_covariance_is_the_scatter():
     pose = (4.4, 12.0, -8.0, 25.0, (0.3, 0.2))
     mean = frame(*pose, SMALL, 600.0, 0.0, 0.02, 16)
     rng = np.random.default_rng(4)
-    found = [detect_features(expose(mean, rng), MARKER, SMALL, NOISE, light_ring_m=0.0) for _ in range(120)]
+    found = [find_features(expose(mean, rng), MARKER, SMALL, NOISE, light_ring_m=0.0) for _ in range(120)]
     assert all(f.detected for f in found)
     error = np.array([f.corners_px for f in found]) - true_corners(*pose, SMALL)
     joint = sum(
@@ -142,7 +142,7 @@ def _found(
         rotation, translation = pose_at(*pose, camera=camera)
         mean = electrons(MARKER, camera, rotation, translation, rng, white=white, samples=6, **options)
         for _ in range(shots):
-            f = detect_features(expose(mean, rng), MARKER, camera, NOISE)
+            f = find_features(expose(mean, rng), MARKER, camera, NOISE)
             if f.detected:
                 assert np.abs(f.corners_px - true_corners(*pose, camera)).max() < 0.5
                 detected += 1
@@ -173,7 +173,7 @@ def test_decodes_white_far_beyond_saturation(times):
     # The well holds 32 600 electrons. At 2e7 the absorber must stay dark for anything to be seen.
     pose = (range_for(8.0, MARKER, MEDIUM), 8.0, -6.0, 30.0, (0.4, 0.1))
     mean = frame(*pose, MEDIUM, 32_600.0 * times, 0.0, 1e-5, 8)
-    f = detect_features(expose(mean, np.random.default_rng(8)), MARKER, MEDIUM, NOISE)
+    f = find_features(expose(mean, np.random.default_rng(8)), MARKER, MEDIUM, NOISE)
     assert f.detected, f.reason
     error = f.corners_px - true_corners(*pose, MEDIUM)
     assert np.abs(error).max() < 0.15
@@ -186,7 +186,7 @@ def test_detects_low_contrast_in_full_bit_depth():
     pose = (range_for(4.0, MARKER, SMALL), 10.0, 5.0, 20.0, (0.0, 0.0))
     mean = frame(*pose, SMALL, 5.0, 0.0, 0.02, 6)
     rng = np.random.default_rng(9)
-    found = [detect_features(expose(mean, rng, faint), MARKER, SMALL, faint) for _ in range(20)]
+    found = [find_features(expose(mean, rng, faint), MARKER, SMALL, faint) for _ in range(20)]
     assert sum(f.detected for f in found) >= 19
 
 
@@ -204,7 +204,7 @@ def test_finds_no_marker_where_there_is_none(kind):
             mean = 6500.0 * np.kron(rng.random((43, 43)) > 0.5, np.ones((3, 3)))[:128, :128]
         else:
             mean = 6500.0 * foil(shape, {"foil": 0.3, "bright foil": 2.0, "saturated foil": 30.0}[kind], rng)
-        f = detect_features(expose(mean, rng), MARKER, SMALL, NOISE)
+        f = find_features(expose(mean, rng), MARKER, SMALL, NOISE)
         assert not f.detected
         assert f.reason
         assert f.corners_px is None
@@ -214,8 +214,8 @@ def test_another_identity_is_named_but_not_detected():
     other = MarkerDesign(identity=7)
     mean = frame(4.0, 5.0, 5.0, 10.0, (0.0, 0.0), SMALL, 6500.0, 0.0, 0.02, 8, 1, other)
     image = expose(mean, np.random.default_rng(11))
-    assert detect_features(image, other, SMALL, NOISE).identity == 7
-    f = detect_features(image, MARKER, SMALL, NOISE)
+    assert find_features(image, other, SMALL, NOISE).identity == 7
+    f = find_features(image, MARKER, SMALL, NOISE)
     assert not f.detected
     assert f.identity == 7
     assert "7" in (f.reason or "")
@@ -223,7 +223,7 @@ def test_another_identity_is_named_but_not_detected():
 
 def test_a_blob_beyond_the_end_of_its_element_is_dropped_and_said_so():
     # Turned so that the camera sees top and bottom towards opposite ends: one of a pair leaves its opening.
-    f = detect_features(
+    f = find_features(
         expose(frame(3.0, 0.0, 30.0, 0.0, (0.0, 0.0), MEDIUM, 6500.0), np.random.default_rng(12)), MARKER, MEDIUM, NOISE
     )
     missing = [name for name in ("top", "bottom") if f.blobs_px[name] is None]
@@ -241,7 +241,7 @@ def test_a_blob_that_is_cut_by_the_end_of_its_element_stays_in_place(yaw, cut):
     camera_m, element = -rotation.T @ translation, MARKER.elements[0]
     assert cut[0] < Slits(MARKER, element, camera_m).cut_fraction(float(element.blob_offset_m(camera_m))) < cut[1]
     rng = np.random.default_rng(20)
-    found = [detect_features(expose(frame(*pose, MEDIUM, 6500.0), rng), MARKER, MEDIUM, NOISE, 0.0) for _ in range(12)]
+    found = [find_features(expose(frame(*pose, MEDIUM, 6500.0), rng), MARKER, MEDIUM, NOISE, 0.0) for _ in range(12)]
     errors = np.array([blob_error(f, element, MEDIUM, *pose) for f in found])
     assert abs(errors.mean()) < 0.02
     assert np.sqrt(np.mean(errors**2)) < 1.25 * np.mean([f.blob_sigma_px["top"] for f in found])
@@ -249,7 +249,7 @@ def test_a_blob_that_is_cut_by_the_end_of_its_element_stays_in_place(yaw, cut):
 
 def test_virtual_points_lie_where_they_project():
     pose = (3.0, 6.0, -5.0, 30.0, (1.0, -0.5))
-    f = detect_features(expose(frame(*pose, MEDIUM, 6500.0), np.random.default_rng(13)), MARKER, MEDIUM, NOISE)
+    f = find_features(expose(frame(*pose, MEDIUM, 6500.0), np.random.default_rng(13)), MARKER, MEDIUM, NOISE)
     rotation, translation = pose_at(*pose, camera=MEDIUM)
     assert f.reason is None
     for key, point in MARKER.virtual_points_m.items():
@@ -263,8 +263,8 @@ def test_a_ring_of_leds_beside_the_lens_leaves_the_blobs_in_place(ring_m):
     camera = Camera(width_px=300, height_px=300)
     mean = frame(*pose, camera, 6500.0, 0.2, 0.02, 6, 1, MARKER, ring_m)
     image = expose(mean, np.random.default_rng(14))
-    told = detect_features(image, MARKER, camera, NOISE, light_ring_m=ring_m)
-    untold = detect_features(image, MARKER, camera, NOISE)
+    told = find_features(image, MARKER, camera, NOISE, light_ring_m=ring_m)
+    untold = find_features(image, MARKER, camera, NOISE)
     for element in MARKER.elements:
         assert abs(blob_error(told, element, camera, *pose)) < 0.03
         assert abs(blob_error(untold, element, camera, *pose)) < 3 * untold.blob_sigma_px[element.name]
@@ -277,7 +277,7 @@ def test_blobs_are_found_from_three_sigma_to_the_edge_of_saturation(peak):
     white = peak * 28.2 / 0.5 if peak > 1 else peak * 32_600  # a blob is about half as bright as the ring at this size
     rng = np.random.default_rng(15)
     mean = frame(*pose, SMALL, white, 0.0)
-    found = [detect_features(expose(mean, rng), MARKER, SMALL, NOISE) for _ in range(10)]
+    found = [find_features(expose(mean, rng), MARKER, SMALL, NOISE) for _ in range(10)]
     assert all(f.detected for f in found)
     for element in MARKER.elements:
         errors = [blob_error(f, element, SMALL, *pose) for f in found if f.blobs_px[element.name] is not None]
@@ -288,14 +288,14 @@ def test_blobs_are_found_from_three_sigma_to_the_edge_of_saturation(peak):
 def test_kinds_of_numbers_and_an_unknown_noise_make_little_difference():
     pose = (4.4, 5.0, -4.0, 12.0, (0.3, 0.2))
     image = expose(frame(*pose, SMALL, 6500.0), np.random.default_rng(16))
-    reference = detect_features(image, MARKER, SMALL, NOISE)
+    reference = find_features(image, MARKER, SMALL, NOISE)
     for other, noise in (
         (image.astype(float), NOISE),
         (image.astype(np.float32), None),
         (image, None),
         ((image / 32).astype(np.uint8), None),
     ):
-        f = detect_features(other, MARKER, SMALL, noise)
+        f = find_features(other, MARKER, SMALL, noise)
         assert f.detected
         assert np.abs(f.corners_px - reference.corners_px).max() < 0.1
 
@@ -307,7 +307,7 @@ def test_kinds_of_numbers_and_an_unknown_noise_make_little_difference():
 )  # fmt: skip
 def test_refuses_what_is_no_image(image):
     with pytest.raises(ValueError, match="image"):
-        detect_features(image, MARKER, SMALL, NOISE)
+        find_features(image, MARKER, SMALL, NOISE)
 
 
 @pytest.mark.parametrize(
@@ -315,12 +315,12 @@ def test_refuses_what_is_no_image(image):
 )
 @pytest.mark.parametrize("noise", [None, NOISE])
 def test_degenerate_frames_hold_no_marker(image, noise):
-    assert not detect_features(image, MARKER, SMALL, noise).detected
+    assert not find_features(image, MARKER, SMALL, noise).detected
 
 
 def test_a_marker_cut_by_the_image_s_edge_is_not_detected_and_does_no_harm():
     mean = frame(3.0, 5.0, 5.0, 0.0, (60.0, 0.0), SMALL, 6500.0)
-    assert not detect_features(expose(mean, np.random.default_rng(17)), MARKER, SMALL, NOISE).detected
+    assert not find_features(expose(mean, np.random.default_rng(17)), MARKER, SMALL, NOISE).detected
 
 
 @pytest.mark.parametrize(
@@ -387,7 +387,7 @@ def test_the_field_of_view_is_covered_by_one_element_or_the_other():
     reach = np.array([[-30.0, "right"], [30.0, "left"]], dtype=object)
     for pitch, name in reach:
         mean = frame(3.0, float(pitch), 0.0, 0.0, (0.0, 0.0), MEDIUM, 6500.0)
-        f = detect_features(expose(mean, np.random.default_rng(19)), MARKER, MEDIUM, NOISE)
+        f = find_features(expose(mean, np.random.default_rng(19)), MARKER, MEDIUM, NOISE)
         assert f.blobs_px[name] is not None
         assert f.virtual_points_px
 

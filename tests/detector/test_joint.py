@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from detector.detect import Features
+from detector.features import Features
 from detector.pose.joint import FoundMarker, moved_to_face, solve_face_pose
 from detector.pose.pose import solve_pose
 from radiometry.geometry import FloatArray, attitude_matrix, rotation_angle

@@ -13,7 +13,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from synthetic import NOISE, electrons, expose, foil, pose_at
 
-from detector.detect import detect_features
+from detector.features import find_features
 from detector.pose.pose import solve_pose
 from detector.sensor.noise import NoiseModel
 from detector.sensor.pair import difference, pair_noise
@@ -37,7 +37,7 @@ def pair(
 
 def attitude_error_deg(image: FloatArray, noise: NoiseModel | None) -> float:
     """Of the pose from an image; infinite where the marker is not found."""
-    pose = solve_pose(detect_features(image, MARKER, CAMERA, noise, light_ring_m=0.0), MARKER, CAMERA)
+    pose = solve_pose(find_features(image, MARKER, CAMERA, noise, light_ring_m=0.0), MARKER, CAMERA)
     return (
         np.inf if pose is None else float(np.degrees(rotation_angle(pose.rotation, pose_at(*POSE, camera=CAMERA)[0])))
     )

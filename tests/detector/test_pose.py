@@ -17,7 +17,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from synthetic import NOISE, electrons, expose, pose_at
 
-from detector.detect import Features, detect_features
+from detector.features import Features, find_features
 from detector.pose.pose import problem_of, solve_pose
 from detector.pose.pose_fit import exponential, residuals
 from radiometry.geometry import FloatArray, faces_camera, rotation_angle
@@ -174,7 +174,7 @@ def test_attitude_from_images_of_28_pixels_is_good_to_a_quarter_degree():
         )
         mean = electrons(MARKER, camera, rotation, translation, rng, samples=8)
         for _ in range(2):
-            found = solve_pose(detect_features(expose(mean, rng), MARKER, camera, NOISE), MARKER, camera)
+            found = solve_pose(find_features(expose(mean, rng), MARKER, camera, NOISE), MARKER, camera)
             assert found is not None
             squares.append(rotation_angle(found.rotation, rotation) ** 2)
     assert np.degrees(np.sqrt(np.mean(squares))) <= 0.25
@@ -187,7 +187,7 @@ def test_a_frontal_marker_has_one_attitude_at_every_range(range_m):
     rng = np.random.default_rng(4)
     mean = electrons(MARKER, camera, rotation, translation, rng, samples=4 if range_m < 3 else 12)
     for _ in range(4):
-        f = detect_features(expose(mean, rng), MARKER, camera, NOISE)
+        f = find_features(expose(mean, rng), MARKER, camera, NOISE)
         found = solve_pose(f, MARKER, camera)
         assert found is not None
         assert not found.ambiguous

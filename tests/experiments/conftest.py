@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from detector.detect import Features
+from detector.features import Features
 from experiments import chain
 from experiments.scenario import Scenario
 from experiments.studies.budget import study as budget
@@ -31,13 +31,13 @@ def _make(*, found: float = 1.0, attitude_deg: float = 0.1, **sections: Any) -> 
     camera = {"width_px": 160, "height_px": 120, "focal_length_m": 6.88e-3, **sections.pop("camera", {})}
     scenario = Scenario.model_validate({"budget": plan, "camera": camera, **sections})
     plan = scenario.budget
-    shape = (len(plan.ranges_m), len(plan.lights), len(plan.exposures_s))
+    shape = (len(plan.ranges_m), len(plan.illuminations), len(plan.exposures_s))
     values = {name: np.zeros(shape) for name in budget.VARIABLES}
     for i, j, k in np.ndindex(shape):
-        range_m, light, exposure = plan.ranges_m[i], plan.lights[j], plan.exposures_s[k]
-        sun = 1e7 if light == "sun" else 0.0
+        range_m, illumination, exposure = plan.ranges_m[i], plan.illuminations[j], plan.exposures_s[k]
+        sun = 1e7 if illumination == "sunlit" else 0.0
         rates = chain.LinkBudget(scenario.sensor, 1e10 / range_m**2 + sun, 1e8 / range_m**2 + sun, 0.0, 0.0, 50.0, 1.0)
-        seconds = chain.exposure_s(scenario, rates, exposure)
+        seconds = chain.solve_exposure(scenario, rates, exposure)
         charge = rates.at(seconds)
         for name in ("signal", "background", "snr", "cnr"):
             values[f"{name}_analytic"][i, j, k] = charge[name]
@@ -53,7 +53,7 @@ def _make(*, found: float = 1.0, attitude_deg: float = 0.1, **sections: Any) -> 
     values["detected_fraction"] += found
     values["attitude_error_p95_deg"] += attitude_deg if found else np.nan
     values["range_error_p95"] += 0.001 if found else np.nan
-    dims = ("range_m", "light", "exposure")
+    dims = ("range_m", "illumination", "exposure")
     data: dict[str, Any] = {n: (dims, v, {"units": budget.VARIABLES[n][0]}) for n, v in values.items()}
     trials = (*shape, plan.trials)
     data["detected"] = ((*dims, "trial"), np.broadcast_to(np.arange(plan.trials) < found * plan.trials, trials))
@@ -62,7 +62,7 @@ def _make(*, found: float = 1.0, attitude_deg: float = 0.1, **sections: Any) -> 
     scale = scenario.camera.focal_length_m / scenario.camera.pixel_pitch_x_m
     data["px_per_bit"] = (("range_m",), scenario.marker.bit_m * scale / np.array(plan.ranges_m), {"units": "pixel"})
     labels = [budget.exposure_label(e) for e in plan.exposures_s]
-    coordinates = {"range_m": list(plan.ranges_m), "light": list(plan.lights), "exposure": labels}
+    coordinates = {"range_m": list(plan.ranges_m), "illumination": list(plan.illuminations), "exposure": labels}
     attributes = {
         "software": "mantis-radiometry 0", "versions": "numpy 2", "history": "2026-01-01T00:00Z mantis budget",
         "scenario_hash": scenario.digest(),
@@ -70,7 +70,9 @@ def _make(*, found: float = 1.0, attitude_deg: float = 0.1, **sections: Any) -> 
     # The private function is what puts margins into every real dataset; a copy of it here would test nothing.
     dataset = budget._judged(scenario, xr.Dataset(data, coordinates, attributes))
     snapshots = [
-        Snapshot(r, light, 1e-6, _frame(), _features(found > 0)) for r in plan.ranges_m for light in plan.lights
+        Snapshot(r, illumination, 1e-6, _frame(), _features(found > 0))
+        for r in plan.ranges_m
+        for illumination in plan.illuminations
     ]
     return BudgetResult(scenario, dataset, snapshots)
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from experiments import api, chain
+from experiments.reporting import notebook
 from experiments.reporting.files import write_png
 from experiments.scenario import Scenario, load_scenario
 
@@ -15,15 +16,15 @@ SCENARIO = load_scenario()
 
 
 def test_the_closed_form_over_keys_is_the_budget_of_each_case() -> None:
-    axes = {"exposure_s": [1e-6, "auto"], "range_m": [3, 9], "leds.count": [20, 100], "light": ["sun"]}
+    axes = {"exposure_s": [1e-6, "auto"], "range_m": [3, 9], "leds.count": [20, 100], "illumination": ["sunlit"]}
     found = api.closed_form(SCENARIO, axes)
-    assert dict(found.sizes) == {"exposure_s": 2, "range_m": 2, "leds.count": 2, "light": 1}
+    assert dict(found.sizes) == {"exposure_s": 2, "range_m": 2, "leds.count": 2, "illumination": 1}
     assert list(found.snr.dims) == list(axes)
-    here = SCENARIO.changed("range_m=9", "leds.count=20", "light=sun")
-    budget = chain.link_budget(here, "sun")
+    here = SCENARIO.changed("range_m=9", "leds.count=20", "illumination=sunlit")
+    budget = chain.link_budget(here, "sunlit")
     for exposure in (1e-6, "auto"):
-        seconds = chain.exposure_s(here, budget, exposure)
-        case = found.sel({"exposure_s": str(exposure), "range_m": 9, "leds.count": 20, "light": "sun"})
+        seconds = chain.solve_exposure(here, budget, exposure)
+        case = found.sel({"exposure_s": str(exposure), "range_m": 9, "leds.count": 20, "illumination": "sunlit"})
         assert float(case.seconds) == seconds
         for name, value in budget.at(seconds).items():
             assert float(case[name]) == value
@@ -52,27 +53,27 @@ def test_an_unknown_axis_is_refused_with_the_nearest_key() -> None:
 def test_a_shot_is_what_the_command_line_exposes_and_detects(small: Scenario, tmp_path: Path) -> None:
     shot = api.shoot(small)
     basis = chain.transport(small)
-    rate = chain.electron_rate(small, basis, small.light)
-    np.testing.assert_array_equal(shot.frame, chain.take_frame(small, rate, small.light, shot.exposure_s).dn)
-    assert shot.sighting.features.detected
+    rate = chain.electron_rate(small, basis, small.illumination)
+    np.testing.assert_array_equal(shot.frame, chain.expose(small, rate, small.illumination, shot.exposure_s).dn)
+    assert shot.detection.features.detected
     assert shot.range_error < 0.01
     write_png(shot.frame, tmp_path / "frame.png")
     again = api.detect(tmp_path / "frame.png", small)
     assert again.pose is not None
-    assert shot.sighting.pose is not None
-    np.testing.assert_array_equal(again.pose.translation_m, shot.sighting.pose.translation_m)
-    page = shot._repr_html_()
+    assert shot.detection.pose is not None
+    np.testing.assert_array_equal(again.pose.translation_m, shot.detection.pose.translation_m)
+    page = notebook.exposure_html(shot)
     assert page.count("<svg") >= 1
     assert "Position" in page
 
 
 def test_a_scenario_shows_what_was_changed_and_escapes_its_title() -> None:
-    page = api.load(None, "title=<b>bold</b>", "leds.count=20")._repr_html_()
+    page = notebook.scenario_html(api.load(None, "title=<b>bold</b>", "leds.count=20"))
     assert "&lt;b&gt;bold" in page
     assert "leds.count" in page.split("<details>")[0]
     assert "leds.fwhm_nm" not in page.split("<details>")[0]
     assert "leds.fwhm_nm" in page
-    assert "px per bit" in chain.link_budget(SCENARIO, "sun")._repr_html_()
+    assert "px per bit" in notebook.budget_html(chain.link_budget(SCENARIO, "sunlit"))
 
 
 def test_a_scenario_explains_its_keys() -> None:

@@ -76,14 +76,16 @@ def test_the_result_does_not_depend_on_the_number_of_processes(
     alone.dataset.attrs.pop("history", None)
     xr.testing.assert_identical(written, alone.dataset)
     for shot in alone.snapshots:
-        path = folder / "out" / "frames" / f"range_{shot.range_m:06.2f}m_{shot.light}.png"
+        path = folder / "out" / "frames" / f"range_{shot.range_m:06.2f}m_{shot.illumination}.png"
         np.testing.assert_array_equal(cv2.imread(str(path), cv2.IMREAD_UNCHANGED), shot.frame)
 
 
 @pytest.mark.usefixtures("told")
 def test_the_budget_leaves_report_data_transport_and_frames(folder: Path) -> None:
     found = {str(p.relative_to(folder / "out")) for p in (folder / "out").rglob("*") if p.is_file()}
-    frames = {f"frames/range_{r}m_{light}.png" for r in ("002.50", "004.00") for light in ("eclipse", "sun")}
+    frames = {
+        f"frames/range_{r}m_{illumination}.png" for r in ("002.50", "004.00") for illumination in ("eclipse", "sunlit")
+    }
     bases = {f"transport/range_{r}m.exr" for r in ("002.50", "004.00")}
     assert {"report.html", "results.nc"} | frames | bases <= found
     assert not [name for name in found if Path(name).name.startswith(".")]
@@ -95,7 +97,13 @@ def test_results_carry_labels_units_and_provenance(written: xr.Dataset, tiny: Sc
     assert written.attrs["title"] == "tiny"
     assert written.attrs["scenario_hash"] == tiny.digest()
     assert load_as_scenario(written.attrs["scenario"]) == tiny
-    assert dict(written.sizes) == {"range_m": 2, "light": 2, "exposure": 2, "trial": 2, "criterion": len(CRITERIA)}
+    assert dict(written.sizes) == {
+        "range_m": 2,
+        "illumination": 2,
+        "exposure": 2,
+        "trial": 2,
+        "criterion": len(CRITERIA),
+    }
     for name, variable in {**written.data_vars, **written.coords}.items():
         assert variable.attrs.get("long_name"), name
         if variable.dtype.kind in "fib" and name != "trial":
@@ -116,24 +124,26 @@ def test_what_is_printed_is_what_is_written(told: dict[str, Any], written: xr.Da
     assert told["verdict"]
 
 
-@pytest.mark.parametrize(("range_m", "light"), [(2.5, "sun"), (4.0, "eclipse")])
+@pytest.mark.parametrize(("range_m", "illumination"), [(2.5, "sunlit"), (4.0, "eclipse")])
 @pytest.mark.usefixtures("told")
 def test_expose_repeats_the_frames_of_the_budget(
-    mantis: Mantis, folder: Path, tmp_path: Path, range_m: float, light: str
+    mantis: Mantis, folder: Path, tmp_path: Path, range_m: float, illumination: str
 ) -> None:
     name = f"range_{range_m:06.2f}m"
     status, _, error = mantis(
         "expose", folder / "out" / "transport" / f"{name}.exr", folder / "tiny.toml", "-o", tmp_path / "frame.png",
-        "--set", f"range_m={range_m}", "--set", f"light={light}",
+        "--set", f"range_m={range_m}", "--set", f"light={illumination}",
     )  # fmt: skip
     assert (status, error) == (0, "")
-    assert (tmp_path / "frame.png").read_bytes() == (folder / "out" / "frames" / f"{name}_{light}.png").read_bytes()
+    assert (tmp_path / "frame.png").read_bytes() == (
+        folder / "out" / "frames" / f"{name}_{illumination}.png"
+    ).read_bytes()
 
 
 def test_rendered_and_analytic_figures_agree_on_the_tiny_plan(written: xr.Dataset) -> None:
     """60 000 rays cut the bits' edges coarsely: 1 % of the signal."""
-    for light in ("eclipse", "sun"):
-        case = written.sel(light=light)
+    for illumination in ("eclipse", "sunlit"):
+        case = written.sel(illumination=illumination)
         np.testing.assert_allclose(case.signal_expected, case.signal_analytic, rtol=0.01)
         np.testing.assert_allclose(
             case.background_expected, case.background_analytic, atol=0.01 * float(case.signal_analytic.max())
@@ -145,14 +155,14 @@ def test_rendered_and_analytic_figures_agree_on_the_tiny_plan(written: xr.Datase
 
 def test_progress_counts_up_to_all_cases(tiny: Scenario) -> None:
     seen: list[tuple[int, int]] = []
-    one = tiny.at(budget={"ranges_m": (4.0,), "lights": ("eclipse",), "exposures_s": ("auto",), "trials": 2})
+    one = tiny.at(budget={"ranges_m": (4.0,), "illuminations": ("eclipse",), "exposures_s": ("auto",), "trials": 2})
     budget.run_budget(one, progress=lambda done, total, _: seen.append((done, total)), workers=1)
     assert seen[-1] == (1, 1)
     assert all(done <= total == 1 for done, total in seen)
 
 
 def test_a_marker_beyond_the_nearest_frame_is_refused_before_rendering(tiny: Scenario, tmp_path: Path) -> None:
-    plan = {"ranges_m": (0.05, 4.0), "lights": ("eclipse",), "exposures_s": ("auto",), "trials": 2}
+    plan = {"ranges_m": (0.05, 4.0), "illuminations": ("eclipse",), "exposures_s": ("auto",), "trials": 2}
     with pytest.raises(ValueError, match=r"none is at 0\.05 m; shorten camera\.focal_length_m"):
         budget.run_budget(tiny.at(budget=plan), tmp_path / "out", workers=1)
     assert not list(tmp_path.iterdir())
@@ -236,7 +246,7 @@ def test_a_case_closes_when_every_criterion_is_met_and_says_which_is_not(
     dataset = alone.dataset.drop_vars(["margin", "closes", "criterion"])
     for variable, good, _ in DECIDES.values():
         dataset[variable] = xr.full_like(dataset[variable], good)
-    where = {"range_m": 1, "light": 0, "exposure": 1}
+    where = {"range_m": 1, "illumination": 0, "exposure": 1}
     if unmet is not None:
         variable, _, bad = DECIDES[unmet]
         dataset[variable][{k: v for k, v in where.items() if k in dataset[variable].dims}] = np.nan if missing else bad

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from detector.sensor.noise import noise_of
 from experiments import chain
 from experiments.scenario import Scenario, load_scenario
 from radiometry.geometry import attitude_matrix, faces_camera
@@ -18,30 +19,30 @@ def changed(scenario: Scenario, section: str, **values: Any) -> Scenario:
 
 
 def test_automatic_exposure_brings_bright_bits_to_the_wanted_part_of_the_usable_well(small: Scenario) -> None:
-    for light in ("eclipse", "sun"):
-        budget = chain.link_budget(small, light)
-        seconds = chain.exposure_s(small, budget, "auto")
+    for illumination in ("eclipse", "sunlit"):
+        budget = chain.link_budget(small, illumination)
+        seconds = chain.solve_exposure(small, budget, "auto")
         assert budget.at(seconds)["full_well_fraction"] == pytest.approx(small.auto_exposure.full_well_fraction)
     warm = changed(small, "sensor", dark_current_electrons_per_s=1e9)
     budget = chain.link_budget(warm, "eclipse")
-    assert budget.at(chain.exposure_s(warm, budget, "auto"))["full_well_fraction"] == pytest.approx(0.5)
-    assert chain.exposure_s(small, budget, 0.01) == 0.01
+    assert budget.at(chain.solve_exposure(warm, budget, "auto"))["full_well_fraction"] == pytest.approx(0.5)
+    assert chain.solve_exposure(small, budget, 0.01) == 0.01
 
 
 def test_automatic_exposure_stays_between_the_shortest_pulse_and_the_longest_exposure(small: Scenario) -> None:
     slow = changed(small, "auto_exposure", shortest_s=1e-3)
-    assert chain.exposure_s(slow, chain.link_budget(slow, "eclipse"), "auto") == 1e-3
+    assert chain.solve_exposure(slow, chain.link_budget(slow, "eclipse"), "auto") == 1e-3
     dark = changed(small, "leds", centroid_nm=1100)  # off the filter's band
     assert chain.link_budget(dark, "eclipse").signal_rate == 0
-    assert chain.exposure_s(dark, chain.link_budget(dark, "eclipse"), "auto") == dark.auto_exposure.longest_s
+    assert chain.solve_exposure(dark, chain.link_budget(dark, "eclipse"), "auto") == dark.auto_exposure.longest_s
     too_near = small.at(range_m=0.05)
     with pytest.raises(ValueError, match=r"'auto' needs a bit in the frame, and none is at 0\.05 m"):
-        chain.exposure_s(too_near, chain.link_budget(too_near, "eclipse"), "auto")
+        chain.solve_exposure(too_near, chain.link_budget(too_near, "eclipse"), "auto")
 
 
 def test_the_usable_well_ends_with_the_converter_where_that_is_smaller(small: Scenario) -> None:
-    assert chain.usable_well(small.sensor) == min(20_000, (4095 - 64) * 5)
-    assert chain.usable_well(changed(small, "sensor", bits=10).sensor) == (1023 - 64) * 5
+    assert chain.usable_well_electrons(small.sensor) == min(20_000, (4095 - 64) * 5)
+    assert chain.usable_well_electrons(changed(small, "sensor", bits=10).sensor) == (1023 - 64) * 5
 
 
 def test_transport_does_not_change_with_what_is_applied_after_it(small: Scenario) -> None:
@@ -53,25 +54,25 @@ def test_transport_does_not_change_with_what_is_applied_after_it(small: Scenario
     ]  # fmt: skip
     other: list[tuple[str, dict[str, Any]]] = [
         ("leds", {"ring_radius_m": 0.06}), ("leds", {"half_angle_deg": 20.0}), ("camera", {"focal_length_m": 0.03}),
-        ("camera", {"psf_sigma_px": 1.0}), ("sun", {"phase_deg": 30.0}), ("target", {"yaw_deg": 5.0}),
+        ("camera", {"psf_sigma_px": 1.0}), ("sunlit", {"phase_deg": 30.0}), ("target", {"yaw_deg": 5.0}),
         ("marker", {"identity": 3}), ("filter", {"low_nm": 820.0}),
     ]  # fmt: skip
     for section, values in same:
         assert chain.geometry_digest(changed(small, section, **values)) == digest, (section, values)
     for section, values in other:
         assert chain.geometry_digest(changed(small, section, **values)) != digest, (section, values)
-    assert chain.geometry_digest(small.at(seed=2, exposure_s=1e-3, light="sun")) == digest
+    assert chain.geometry_digest(small.at(seed=2, exposure_s=1e-3, illumination="sunlit")) == digest
     assert chain.geometry_digest(small.at(range_m=3.001)) != digest
 
 
 def test_rates_add_up_and_scale_with_their_sources(small: Scenario, small_basis: TransportBasis) -> None:
-    eclipse, sun = (chain.electron_rate(small, small_basis, light) for light in ("eclipse", "sun"))
+    eclipse, sun = (chain.electron_rate(small, small_basis, illumination) for illumination in ("eclipse", "sunlit"))
     assert (eclipse >= 0).all()
     assert (sun >= eclipse).all()
     twice = changed(small, "leds", count=100, intensity_w_sr=7.0)
     np.testing.assert_allclose(chain.electron_rate(twice, small_basis, "eclipse"), 2 * eclipse, rtol=1e-12)
-    far = changed(small, "sun", distance_au=2.0)
-    in_far_sun = chain.electron_rate(far, small_basis, "sun")
+    far = changed(small, "sunlit", distance_au=2.0)
+    in_far_sun = chain.electron_rate(far, small_basis, "sunlit")
     np.testing.assert_allclose(in_far_sun - eclipse, (sun - eclipse) / 4, rtol=1e-9, atol=1e-6)
 
 
@@ -84,14 +85,14 @@ def test_a_basis_of_another_size_is_refused(small: Scenario, small_basis: Transp
 def test_frames_repeat_and_are_independent_between_cases(small: Scenario) -> None:
     """Same scenario, same seed, same bytes; another trial, exposure, light, range or seed, other noise."""
     rate = np.full((64, 64), 1e6)
-    first = chain.take_frame(small, rate, "eclipse", 1e-3)
-    np.testing.assert_array_equal(first.dn, chain.take_frame(small, rate, "eclipse", 1e-3).dn)
+    first = chain.expose(small, rate, "eclipse", 1e-3)
+    np.testing.assert_array_equal(first.dn, chain.expose(small, rate, "eclipse", 1e-3).dn)
     others = [
-        chain.take_frame(small, rate, "eclipse", 1e-3, trial=1),
-        chain.take_frame(small, rate, "sun", 1e-3),
-        chain.take_frame(small, rate * 1e-3 / 1.001e-3, "eclipse", 1.001e-3),
-        chain.take_frame(small.at(range_m=3.1), rate, "eclipse", 1e-3),
-        chain.take_frame(small.at(seed=2), rate, "eclipse", 1e-3),
+        chain.expose(small, rate, "eclipse", 1e-3, trial=1),
+        chain.expose(small, rate, "sunlit", 1e-3),
+        chain.expose(small, rate * 1e-3 / 1.001e-3, "eclipse", 1.001e-3),
+        chain.expose(small.at(range_m=3.1), rate, "eclipse", 1e-3),
+        chain.expose(small.at(seed=2), rate, "eclipse", 1e-3),
     ]
     noise = np.array([frame.dn.ravel() - frame.dn.mean() for frame in (first, *others)])
     correlation = np.corrcoef(noise)[np.triu_indices(len(noise), 1)]
@@ -111,18 +112,18 @@ def test_frames_repeat_and_are_independent_between_cases(small: Scenario) -> Non
 def test_noise_is_known_only_of_images_that_the_sensor_can_have_made(
     small: Scenario, image: np.ndarray, known: bool
 ) -> None:
-    assert (chain.noise_model(small, image) is not None) == known
+    assert (noise_of(small.sensor, image) is not None) == known
 
 
 @pytest.mark.parametrize("shape", [(160,), (160, 161), (161, 160), (160, 160, 3)])
 def test_an_image_of_another_shape_is_refused(small: Scenario, shape: tuple[int, ...]) -> None:
     with pytest.raises(ValueError, match="the camera 160×160 px"):
-        chain.look(small, np.zeros(shape, np.uint16))
+        chain.detect(small, np.zeros(shape, np.uint16))
 
 
 def test_pose_errors_compare_with_the_scenarios_truth(small: Scenario, small_basis: TransportBasis) -> None:
-    frame = chain.take_frame(small, chain.electron_rate(small, small_basis, "eclipse"), "eclipse", 5e-7)
-    pose = chain.look(small, frame.dn).pose
+    frame = chain.expose(small, chain.electron_rate(small, small_basis, "eclipse"), "eclipse", 5e-7)
+    pose = chain.detect(small, frame.dn).pose
     angle, relative = chain.pose_errors(small, pose)
     assert np.degrees(angle) < 2
     assert relative < 0.01

@@ -31,7 +31,7 @@ def desk(
     folder = tmp_path_factory.mktemp("desk")
     (folder / "small.toml").write_bytes(small_file.read_bytes())
     exr.write_basis(small_basis, folder / "basis.exr")
-    frame = chain.take_frame(small, chain.electron_rate(small, small_basis, "eclipse"), "eclipse", 5e-7)
+    frame = chain.expose(small, chain.electron_rate(small, small_basis, "eclipse"), "eclipse", 5e-7)
     write_png(frame.dn, folder / "frame.png")
 
     (folder / "folder").mkdir()
@@ -53,7 +53,7 @@ def desk(
     nodes, layers = small_basis.nodes_nm, small_basis.layers
     bad = layers["sun"].copy()
     bad[1, 3, 3] = np.nan
-    exr.write_basis(TransportBasis(nodes, {**layers, "sun": bad}), folder / "nan_basis.exr")
+    exr.write_basis(TransportBasis(nodes, {**layers, "sunlit": bad}), folder / "nan_basis.exr")
     exr.write_basis(TransportBasis(nodes, {k: -v for k, v in layers.items()}), folder / "negative.exr")
     exr.write_basis(TransportBasis(nodes, {k: v[:, :48] for k, v in layers.items()}), folder / "cropped.exr")
     exr.write_basis(TransportBasis(nodes[:2], {k: v[:2] for k, v in layers.items()}), folder / "two_nodes.exr")
@@ -130,7 +130,7 @@ MISTAKES: list[tuple[tuple[str, ...], str]] = [
     (set_("camera.focal_length_m=35"), "camera.focal_length_m: 35, expected less than or equal to 10 (focal length [m])"),
     (set_("camera.pixel_pitch_x_m=3.45"), "camera.pixel_pitch_x_m: 3.45, expected less than or equal to 0.001"),
     (set_("leds.ring_radius_m=50"), "leds.ring_radius_m: 50, expected less than or equal to 25"),
-    (set_('budget.lights=["dusk"]'), "'dusk', expected 'eclipse' or 'sun'"),
+    (set_('budget.illuminations=["dusk"]'), "'dusk', expected 'eclipse' or 'sun'"),
     (set_("sensor.quantum_efficiency=2"), "sensor.quantum_efficiency: 2, expected"),
     (set_("sensor.quantum_efficiency=[[800, 0.3], [700, 0.3]]"), "wavelengths [nm] must increase"),
     (set_("sensor.preset=kodak"), "sensor.preset: 'kodak' is unknown; expected one of"),
@@ -293,7 +293,7 @@ def test_quiet_and_json_print_nothing_else(mantis: Mantis, desk: Path, tmp_path:
     assert mantis(*command, "--quiet") == (0, "", "")
     status, out, error = mantis(*command, "--json")
     assert (status, error) == (0, "")
-    assert json.loads(out)["light"] == "eclipse"
+    assert json.loads(out)["illumination"] == "eclipse"
     assert mantis(*command)[1].startswith("eclipse, ")
 
 
@@ -306,20 +306,20 @@ def test_the_schema_is_json_and_describes_every_section(mantis: Mantis, tmp_path
 
 
 def closing(*failing: tuple[str, float]) -> xr.Dataset:
-    """Judgement over three ranges and two lights: all close but those named."""
-    ranges, lights = [1.0, 2.0, 4.0], ["eclipse", "sun"]
-    closes = [[[(light, r) not in failing, False] for light in lights] for r in ranges]
-    coords = {"range_m": ranges, "light": lights, "exposure": ["auto", "1 ms"]}
-    return xr.Dataset({"closes": (("range_m", "light", "exposure"), np.array(closes))}, coords)
+    """Judgement over three ranges and two illuminations: all close but those named."""
+    ranges, illuminations = [1.0, 2.0, 4.0], ["eclipse", "sunlit"]
+    closes = [[[(illumination, r) not in failing, False] for illumination in illuminations] for r in ranges]
+    coords = {"range_m": ranges, "illumination": illuminations, "exposure": ["auto", "1 ms"]}
+    return xr.Dataset({"closes": (("range_m", "illumination", "exposure"), np.array(closes))}, coords)
 
 
 @pytest.mark.parametrize(
     ("condition", "failing", "told"),
     [
         (("all", np.inf), (), None),
-        (("all", np.inf), (("sun", 4.0),), "4 m in sun"),
-        (("sun", 2.0), (("sun", 4.0),), None),
-        (("sun", 2.0), (("eclipse", 1.0),), None),
+        (("all", np.inf), (("sunlit", 4.0),), "4 m in sunlit"),
+        (("sunlit", 2.0), (("sunlit", 4.0),), None),
+        (("sunlit", 2.0), (("eclipse", 1.0),), None),
         (("eclipse", 2.0), (("eclipse", 1.0), ("eclipse", 2.0)), "1 m in eclipse, 2 m in eclipse"),
     ],
 )

@@ -80,7 +80,7 @@ def test_closed_form_is_the_chains(study: close.Study, sets: Sets, range_m: floa
     form, rates = study.form, study.form.rates(sets)
     column, sun = list(form.ranges_m).index(range_m), 1 + list(form.phases_deg).index(45.0)
     scenario = _chain_scenario(study, sets, range_m)
-    eclipse, lit = chain.link_budget(scenario, "eclipse"), chain.link_budget(scenario, "sun")
+    eclipse, lit = chain.link_budget(scenario, "eclipse"), chain.link_budget(scenario, "sunlit")
     assert form.px_per_bit(sets)[0, column] == pytest.approx(eclipse.px_per_bit, rel=1e-9)
     tolerance = FINE_DIFFERENCE if eclipse.px_per_bit >= 4 else PHASE_DIFFERENCE
     leds = int(sets.led_count[0])
@@ -167,7 +167,7 @@ def test_a_set_beside_the_front_fails_as_its_margins_say(study: close.Study) -> 
         ({"focal_length_m": lead.focal_length_m * 0.97}, "sampling"),
         ({"focal_length_m": lead.focal_length_m * 1.03}, "frame"),
         ({"f_number": lead.f_number * 0.9}, "focus"),
-        ({"led_count": 10}, "sun"),
+        ({"led_count": 10}, "sunlit"),
     ):
         sets = sets_of(study.form, replace(lead, **change))
         found = margins(study.form, sets, study.constraints, fly(study.form, sets, study.constraints))
@@ -261,7 +261,7 @@ def test_confirmation_renders_what_closes_and_what_does_not(study: close.Study) 
     short = replace(study.lead, focal_length_m=0.02)
     records = close_confirm.confirm(((study.lead, study.base), (short, study.base)), constraints, workers=1)
     good, bad = close_confirm.summarise(records)
-    assert [r["light"] for r in records] == ["eclipse", "sun"] * 2
+    assert [r["illumination"] for r in records] == ["eclipse", "sunlit"] * 2
     assert good.confirmed
     assert (good.cases, good.found, good.frames) == (2, 4, 4)
     assert good.signal_difference < 0.01

@@ -54,14 +54,14 @@ def test_last_step_and_full_model_are_the_same_physics(dataset: xr.Dataset) -> N
     # beam's pattern feels; the Sun's photons are a little bluer than 850 nm.
     last = dataset.isel(step=-1)
     assert float(np.abs(last.signal_factor - 1).max()) < 0.005
-    assert float(np.abs(last.signal_factor.sel(light="eclipse", range_m=slice(3, 20)) - 1).max()) < 5e-4
+    assert float(np.abs(last.signal_factor.sel(illumination="eclipse", range_m=slice(3, 20)) - 1).max()) < 5e-4
     assert float(np.abs(last.snr_factor - 1).max()) < 0.01
 
 
 def test_waterfall_factors_join_the_three_models(dataset: xr.Dataset) -> None:
     repaired_at = list(dataset.step.values).index("noise added linearly")
-    for light, exposure in errata.WATERFALL_EXPOSURE.items():
-        case = dataset.sel(light=light, exposure=exposure)
+    for illumination, exposure in errata.WATERFALL_EXPOSURE.items():
+        case = dataset.sel(illumination=illumination, exposure=exposure)
         product = case.signal_factor.cumprod("step")
         for step, model in ((repaired_at, "repaired"), (-1, "full")):
             expected = case.signal.sel(model=model) / case.signal.sel(model="printed")
@@ -69,7 +69,7 @@ def test_waterfall_factors_join_the_three_models(dataset: xr.Dataset) -> None:
 
 
 def test_printed_model_fails_where_the_thesis_says(dataset: xr.Dataset) -> None:
-    printed = dataset.snr.sel(model="printed", light="eclipse")
+    printed = dataset.snr.sel(model="printed", illumination="eclipse")
     assert float(printed.sel(exposure="1/30 s", range_m=9)) < 2 < float(printed.sel(exposure="1/30 s", range_m=8))
     assert printed.sel(exposure="1/50 s, 8°").values == pytest.approx(
         PrintedModel(light_cone_deg=8).snr(dataset.range_m.values, 1 / 50, sun=False)
@@ -80,10 +80,10 @@ def test_verdicts_of_the_page_hold(dataset: xr.Dataset) -> None:
     facts = errata_page.facts(dataset)
     full = dataset.sel(model="full")
     thesis_exposures = [e for e in errata.EXPOSURES if e != "auto"]
-    assert (full.full_well_fraction.sel(light=["eclipse", "sun"], exposure=thesis_exposures) > 1).all()
-    assert (full.snr.sel(light="eclipse") > 10).all()
+    assert (full.full_well_fraction.sel(illumination=["eclipse", "sunlit"], exposure=thesis_exposures) > 1).all()
+    assert (full.snr.sel(illumination="eclipse") > 10).all()
     assert facts["eclipse"]["repaired_over_printed_8m"] == pytest.approx(3.47e6, rel=0.005)
-    assert facts["sun"]["repaired_alone_over_printed_8m"] == pytest.approx(2.25, abs=0.005)
+    assert facts["sunlit"]["repaired_alone_over_printed_8m"] == pytest.approx(2.25, abs=0.005)
     assert facts["sampling"]["px_per_bit_20m"] == pytest.approx(0.005 * 20.19e-3 / 8.6e-6 / 20)
     assert facts["sampling"]["ends_m"] < 6 < 11 < facts["sampling"]["ends_10mm_m"] < 12
     assert "16.8 times too much" in facts["beam"]["refusal"]
@@ -104,7 +104,7 @@ def test_run_writes_page_figures_and_data(dataset: xr.Dataset, tmp_path: Path, m
     with xr.open_dataset(tmp_path / "data" / "errata.nc", engine="h5netcdf") as stored:
         xr.testing.assert_allclose(stored.signal.drop_attrs(), dataset.signal.drop_attrs())
     rows = (tmp_path / "data" / "errata.csv").read_text(encoding="utf-8").splitlines()
-    assert len(rows) == 1 + dataset.sizes["step"] * dataset.sizes["light"] * 3
+    assert len(rows) == 1 + dataset.sizes["step"] * dataset.sizes["illumination"] * 3
     assert (tmp_path / "thesis-errata.md").read_text(encoding="utf-8") == errata_page.page(dataset)
 
 

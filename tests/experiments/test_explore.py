@@ -109,20 +109,23 @@ def test_large_sensors_are_read_out_in_a_window_about_the_same_axis():
 
 def test_led_current_scales_rates_and_budgets_as_the_chain_does(base, explorer):
     answered(explorer, "")
-    state = {**read_state("light=sun&drive=0.3", explorer.controls)}
+    state = {**read_state("illumination=sunlit&drive=0.3", explorer.controls)}
     prepared = explorer._stock.frame(explorer._key(state))
     scenario = scenario_of(base, state)
     basis = chain.transport(geometry_of(base, state))
-    for light in ("eclipse", "sun"):
-        exact = chain.electron_rate(scenario, basis, light)
-        assert np.allclose(prepared.rate(light, 0.3), exact, rtol=1e-12, atol=1e-9)
-        budget, scaled = chain.link_budget(scenario, light), prepared.budgets.scaled(0.3).by_light[light]
+    for illumination in ("eclipse", "sunlit"):
+        exact = chain.electron_rate(scenario, basis, illumination)
+        assert np.allclose(prepared.rate(illumination, 0.3), exact, rtol=1e-12, atol=1e-9)
+        budget, scaled = (
+            chain.link_budget(scenario, illumination),
+            prepared.budgets.scaled(0.3).by_illumination[illumination],
+        )
         assert scaled.signal_rate == pytest.approx(budget.signal_rate, rel=1e-12)
         assert scaled.background_rate == pytest.approx(budget.background_rate, rel=1e-12)
 
 
 def test_answers_are_what_the_command_line_gives(explorer, mantis, tmp_path):
-    query = "range_m=2&light=sun&exposure=fixed&exposure_s=4e-7&drive=0.8"
+    query = "range_m=2&illumination=sunlit&exposure=fixed&exposure_s=4e-7&drive=0.8"
     answer = answered(explorer, query)
     file, basis, png = (tmp_path / name for name in ("scenario.toml", "basis.exr", "frame.png"))
     file.write_text(explorer.toml(query), encoding="utf-8")
@@ -131,11 +134,11 @@ def test_answers_are_what_the_command_line_gives(explorer, mantis, tmp_path):
     assert (status, json.loads(out)["exposure_s"]) == (0, answer["numbers"]["exposure_s"])
     status, out, _ = mantis("detect", png, file, "--json")
     assert status == 0
-    sighting = json.loads(out)
+    detection = json.loads(out)
     for key in ("detected", "id", "reason"):
-        assert sighting[key] == answer["frame"]["sighting"][key]
-    assert sighting["corners_px"] == pytest.approx(np.array(answer["frame"]["sighting"]["corners_px"]), abs=1e-6)
-    assert sighting["pose"]["t_m"] == pytest.approx(answer["frame"]["sighting"]["pose"]["t_m"], rel=1e-9)
+        assert detection[key] == answer["frame"]["detection"][key]
+    assert detection["corners_px"] == pytest.approx(np.array(answer["frame"]["detection"]["corners_px"]), abs=1e-6)
+    assert detection["pose"]["t_m"] == pytest.approx(answer["frame"]["detection"]["pose"]["t_m"], rel=1e-9)
     dn = cv2.imread(str(png), cv2.IMREAD_UNCHANGED)
     assert frame.histogram(scenario_of(explorer.base, answer["state"]).sensor, dn) == answer["frame"]["histogram"]
     said = swept(mantis, file, 2.0)
@@ -154,13 +157,15 @@ def test_answers_are_what_the_command_line_gives(explorer, mantis, tmp_path):
 
 
 def test_contrast_of_a_pair_is_that_of_drawn_differences(explorer):
-    state = read_state("range_m=2&light=sun&exposure=fixed&exposure_s=3e-7&pair=1&sun.phase_deg=20", explorer.controls)
+    state = read_state(
+        "range_m=2&illumination=sunlit&exposure=fixed&exposure_s=3e-7&pair=1&sun.phase_deg=20", explorer.controls
+    )
     answer = answered(explorer, write_state(state, explorer.controls))
     scenario, prepared = scenario_of(explorer.base, state), explorer._stock.frame(explorer._key(state))
     view, marker = chain.view(scenario), scenario.marker
     sets = [chain.bit_pixels(view, c) for c in (marker.white_bit_centres_m(), marker.black_bit_centres_m())]
     white, black = (tuple(np.concatenate([p[k] for p in pixels]) for k in (0, 1)) for pixels in sets)
-    on, led = prepared.rates["sun"], prepared.rates["eclipse"]
+    on, led = prepared.rates["sunlit"], prepared.rates["eclipse"]
     rng, seconds = np.random.default_rng(5), answer["numbers"]["exposure_s"]
     drawn = []
     for _ in range(60):
@@ -173,7 +178,7 @@ def test_contrast_of_a_pair_is_that_of_drawn_differences(explorer):
     # 59 degrees of freedom a pixel: the relative standard deviation of the root of the summed variance.
     freedom = 59 * min(len(white[0]), len(black[0]))
     assert answer["numbers"]["values"]["cnr"] == pytest.approx(contrast, rel=4 / np.sqrt(2 * freedom) + 0.01)
-    assert answer["frame"]["sighting"]["detected"]
+    assert answer["frame"]["detection"]["detected"]
 
 
 def test_ellipses_hold_their_share_and_turn_as_the_covariance(base):
@@ -191,7 +196,7 @@ def test_ellipses_hold_their_share_and_turn_as_the_covariance(base):
 def test_a_range_without_a_bit_in_the_frame_has_no_margin(base):
     lost = chain.LinkBudget(base.sensor, np.nan, np.nan, np.nan, 30.0, 0.0, np.nan)
     seen = chain.LinkBudget(base.sensor, 1e9, 1e7, 1e9, 5.0, 1.0, 1.0)
-    points = [(r, Budgets(dict.fromkeys(("eclipse", "sun"), b))) for r, b in ((0.1, lost), (3.0, seen))]
+    points = [(r, Budgets(dict.fromkeys(("eclipse", "sunlit"), b))) for r, b in ((0.1, lost), (3.0, seen))]
     curve = closed.curve(base, points, pair=False)
     assert curve["margins"]["cnr"][0] is None
     assert curve["margins"]["cnr"][1] > 1
@@ -274,10 +279,10 @@ def test_a_move_is_answered_within_a_tenth_of_a_second(capsys):
         for query in ("range_m=4", "range_m=5"):
             answered(explorer, query)
         moves = [
-            "range_m=5&light=sun",
+            "range_m=5&illumination=sunlit",
             "range_m=4&drive=0.5",
             "range_m=5&exposure=fixed&exposure_s=2e-6",
-            "range_m=4&light=sun&pair=1",
+            "range_m=4&illumination=sunlit&pair=1",
         ]
         clock, spent = [], []
         for query in moves * 4:
@@ -312,7 +317,7 @@ def test_the_server_answers_pages_states_and_mistakes(server, explorer):
     answered(explorer, "")
     answer = json.loads(get(server, "/answer?drive=0.5")[2])
     assert answer["state"]["drive"] == 0.5
-    assert answer["frame"]["sighting"]["detected"]
+    assert answer["frame"]["detection"]["detected"]
     assert json.loads(get(server, "/numbers")[2])["frame"] is None
     status, headers, body = get(server, "/scenario.toml?drive=0.5")
     assert (status, headers["Content-Disposition"]) == (200, 'attachment; filename="scenario.toml"')
@@ -343,4 +348,4 @@ def test_explore_writes_no_files(mantis, tmp_path):
 
 
 def test_values_in_links_are_short_and_exact():
-    assert [write_value(v) for v in (4.0, 0.075, True, False, "sun")] == ["4", "0.075", "1", "0", "sun"]
+    assert [write_value(v) for v in (4.0, 0.075, True, False, "sunlit")] == ["4", "0.075", "1", "0", "sunlit"]

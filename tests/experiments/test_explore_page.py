@@ -109,7 +109,7 @@ def test_every_control_is_reached_and_moved_by_the_keyboard(page):
     assert {"save", "link"} <= {*reached, "link"}
     page.run("document.getElementById('c-light-0').focus()")
     page.press("ArrowDown")
-    page.wait_for(f"{READY} && location.search === '?light=sun'")
+    page.wait_for(f"{READY} && location.search === '?illumination=sunlit'")
     assert page.run("document.getElementById('c-sun-phase_deg').disabled") is False
     page.run("document.getElementById('c-exposure_s').focus()")
     page.press("End")

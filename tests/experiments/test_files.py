@@ -19,11 +19,11 @@ from scenes.files import exr
 def dataset() -> xr.Dataset:
     return xr.Dataset(
         {
-            "cnr": (("range_m", "light"), np.array([[1.5, np.nan], [1e-30, 7e20]]), {"units": "1", "long_name": "contrast"}),
-            "closes": (("range_m", "light"), np.array([[True, False], [False, True]]), {"units": "1"}),
+            "cnr": (("range_m", "illumination"), np.array([[1.5, np.nan], [1e-30, 7e20]]), {"units": "1", "long_name": "contrast"}),
+            "closes": (("range_m", "illumination"), np.array([[True, False], [False, True]]), {"units": "1"}),
             "reason": (("range_m",), np.array(["", "no marker found"], object)),
         },
-        {"range_m": ("range_m", [1.0, 2.0], {"units": "m"}), "light": ["eclipse", "sun"]},
+        {"range_m": ("range_m", [1.0, 2.0], {"units": "m"}), "illumination": ["eclipse", "sunlit"]},
         {"Conventions": "CF-1.11", "title": "Δ a test"},
     )  # fmt: skip
 

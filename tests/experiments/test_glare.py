@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 from scipy import stats
 
-from detector.detect import detect_features
+from detector.features import find_features
 from detector.sensor.noise import NoiseModel
 from detector.sensor.pair import shifted
 from detector.sensor.sensor import Sensor, expose
@@ -134,7 +134,7 @@ def test_extra_variance_widens_the_covariance_of_corners(geometry: Geometry) -> 
         noise.gain_dn_per_electron, noise.read_noise_dn, noise.offset_dn, noise.saturation_dn,
         np.full(shown.image.shape, 50 * noise.read_noise_dn**2),
     )  # fmt: skip
-    plain, wide = (detect_features(shown.image, scenario.marker, scenario.camera, n) for n in (noise, noisier))
+    plain, wide = (find_features(shown.image, scenario.marker, scenario.camera, n) for n in (noise, noisier))
     assert plain.corners_covariance_px2 is not None
     assert wide.corners_covariance_px2 is not None
     assert np.trace(wide.corners_covariance_px2[0]) > np.trace(plain.corners_covariance_px2[0])

@@ -123,7 +123,7 @@ def test_calibration_from_rendered_boards_is_within_its_own_interval(outcome: st
 
 def test_mantis_is_found_and_right_in_eclipse_and_frames_are_numbered_there_and_back(outcome: study.Outcome) -> None:
     frames = outcome.frames
-    own = frames.sel(light="eclipse", by="mantis")
+    own = frames.sel(illumination="eclipse", by="mantis")
     assert float(own.found.min()) == 1
     assert float(own.virtual.min()) == 1
     assert float(np.abs(own.attitude_error_deg).max()) < 1.0
@@ -131,14 +131,14 @@ def test_mantis_is_found_and_right_in_eclipse_and_frames_are_numbered_there_and_
     apart = np.abs(np.subtract(outcome.camera.found.principal_point_px, outcome.scenario.camera.principal_point_px))
     assert float(own.point_error_px.sel(scale="full").max()) < np.hypot(*apart) + 0.5
     assert float(own.point_error_px.sel(scale="scaled").max()) < 0.5
-    assert frames.yaw_deg.sel(by="mantis", light="eclipse", scale="full").values[0, 0] == pytest.approx(
+    assert frames.yaw_deg.sel(by="mantis", illumination="eclipse", scale="full").values[0, 0] == pytest.approx(
         frames.true_yaw_deg.values[0], abs=0.5
     )
     assert frames.frame_number.values.tolist() == [[[0, 1, 2], [5, 4, 3]]]
     assert set(frames.by.values) == set(METHODS)
     # The lamp shines too, so the run under it is exposed for a shorter time.
     exposure = frames.exposure_s
-    assert float(exposure.sel(light="sun")) < float(exposure.sel(light="eclipse"))
+    assert float(exposure.sel(illumination="sunlit")) < float(exposure.sel(illumination="eclipse"))
 
 
 def test_page_tells_printed_reproduced_and_right(outcome: study.Outcome, tmp_path: Path) -> None:

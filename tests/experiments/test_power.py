@@ -23,7 +23,7 @@ def dataset() -> xr.Dataset:
 def test_a_frames_energy_does_not_depend_on_how_many_leds_share_it(dataset: xr.Dataset) -> None:
     """Half the LEDs shine twice as long; only where the pulse meets its limits does the energy change."""
     free = (dataset.exposure_s > 1.01e-7) & (dataset.exposure_s < 0.033)
-    eclipse = dataset.energy_j.where(free).sel(light="eclipse")
+    eclipse = dataset.energy_j.where(free).sel(illumination="eclipse")
     ratio = eclipse.sel(leds=10) / eclipse.sel(leds=100)
     assert ratio.count() >= 3
     assert ratio.values[np.isfinite(ratio.values)] == pytest.approx(1, rel=0.02)

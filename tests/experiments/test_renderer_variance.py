@@ -31,8 +31,8 @@ def bases(scenarios: list[Scenario]) -> list[TransportBasis]:
 def test_many_transports_are_each_what_they_are_alone(scenarios: list[Scenario], bases: list[TransportBasis]) -> None:
     for scenario, basis in zip(scenarios, bases, strict=True):
         alone = chain.transport(scenario)
-        for light in alone.layers:
-            assert np.array_equal(alone.layers[light], basis.layers[light])
+        for illumination in alone.layers:
+            assert np.array_equal(alone.layers[illumination], basis.layers[illumination])
         assert alone.attributes == basis.attributes
         assert basis.attributes["range_m"] == scenario.range_m
         chain.check_geometry(scenario, basis, "basis")
@@ -46,9 +46,9 @@ def test_transports_are_found_in_the_cache(
     again = list(chain.transports([scenarios[1], scenarios[0], scenarios[2]], store))
     assert (store.rendered, store.reused) == (3, 2)
     for found, expected in zip([*first, *again], [bases[0], bases[1], bases[1], bases[0], bases[2]], strict=True):
-        for light in expected.layers:
-            assert np.array_equal(found.layers[light], expected.layers[light])
-            assert np.array_equal(found.noise[light], expected.noise[light])
+        for illumination in expected.layers:
+            assert np.array_equal(found.layers[illumination], expected.layers[illumination])
+            assert np.array_equal(found.noise[illumination], expected.noise[illumination])
 
 
 def test_the_fraction_is_that_of_pixels_in_the_exposure_and_grows_with_it(
@@ -57,7 +57,7 @@ def test_the_fraction_is_that_of_pixels_in_the_exposure_and_grows_with_it(
     """In proportion to the exposure as long as nothing overflows: the renderer's deviation is relative, shot noise a root."""
     scenario, basis = scenarios[0], bases[0]
     budget = chain.link_budget(scenario, "eclipse")
-    seconds = 0.2 * chain.usable_well(scenario.sensor) / budget.tape_rate
+    seconds = 0.2 * chain.usable_well_electrons(scenario.sensor) / budget.tape_rate
     one = chain.renderer_variance_fraction(scenario, basis, "eclipse", seconds)
     assert chain.renderer_variance_fraction(scenario, basis, "eclipse", 2 * seconds) == pytest.approx(2 * one, rel=1e-6)
     # By hand, without the pool: no pixel of the field is above the worst by more than the pool's 25.
@@ -73,7 +73,7 @@ def test_the_fraction_is_that_of_pixels_in_the_exposure_and_grows_with_it(
 def test_pixels_that_overflow_count_as_full(scenarios: list[Scenario], bases: list[TransportBasis]) -> None:
     """However long the exposure, no pixel holds more than its well: the fraction ends where all are full."""
     scenario, basis = scenarios[0], bases[0]
-    fractions = [chain.renderer_variance_fraction(scenario, basis, "sun", seconds) for seconds in (1.0, 10.0, 100.0)]
+    fractions = [chain.renderer_variance_fraction(scenario, basis, "sunlit", seconds) for seconds in (1.0, 10.0, 100.0)]
     assert fractions[2] == pytest.approx(fractions[1], rel=0.05)
     assert fractions[0] <= fractions[1] <= fractions[2] * 1.001
 
@@ -81,9 +81,9 @@ def test_pixels_that_overflow_count_as_full(scenarios: list[Scenario], bases: li
 def test_the_default_quality_keeps_to_a_tenth_of_shot_variance() -> None:
     scenario = load_scenario(overrides=("camera.width_px=64", "camera.height_px=64", "range_m=3.3"))
     basis = chain.transport(scenario)
-    for light in ("eclipse", "sun"):
-        seconds = chain.exposure_s(scenario, chain.link_budget(scenario, light), "auto")
-        assert chain.renderer_variance_fraction(scenario, basis, light, seconds) < 0.1
+    for illumination in ("eclipse", "sunlit"):
+        seconds = chain.solve_exposure(scenario, chain.link_budget(scenario, illumination), "auto")
+        assert chain.renderer_variance_fraction(scenario, basis, illumination, seconds) < 0.1
 
 
 def test_noise_is_kept_in_files_and_unknown_without(
@@ -92,16 +92,16 @@ def test_noise_is_kept_in_files_and_unknown_without(
     scenario, basis = scenarios[0], bases[0]
     write_basis(basis, tmp_path / "basis.exr")
     read = read_basis(tmp_path / "basis.exr")
-    assert chain.renderer_variance_fraction(scenario, read, "sun", 1e-5) == pytest.approx(
-        chain.renderer_variance_fraction(scenario, basis, "sun", 1e-5), rel=1e-6
+    assert chain.renderer_variance_fraction(scenario, read, "sunlit", 1e-5) == pytest.approx(
+        chain.renderer_variance_fraction(scenario, basis, "sunlit", 1e-5), rel=1e-6
     )
     silent = TransportBasis(basis.nodes_nm, basis.layers)
-    assert np.isnan(chain.renderer_variance_fraction(scenario, silent, "sun", 1e-5))
+    assert np.isnan(chain.renderer_variance_fraction(scenario, silent, "sunlit", 1e-5))
 
 
 def test_new_noise_needs_no_new_rendering(scenarios: list[Scenario], tmp_path: Path) -> None:
     store = TransportCache(tmp_path)
-    changes = ({}, {"seed": 7}, {"exposure_s": 1e-4}, {"light": "sun"})
+    changes = ({}, {"seed": 7}, {"exposure_s": 1e-4}, {"illumination": "sunlit"})
     list(chain.transports((scenarios[0].at(**change) for change in changes), store))
     assert (store.rendered, store.reused) == (1, len(changes) - 1)
 

@@ -139,7 +139,7 @@ def test_embedded_csv_holds_the_dataset(make_budget, html):
     rows = list(csv.DictReader(io.StringIO(json.loads(Page(html).scripts["table-2"]))))
     assert len(rows) == dataset.exposure_s.size
     for row in rows:
-        here = dataset.sel(range_m=float(row["range_m"]), light=row["light"], exposure=row["exposure"])
+        here = dataset.sel(range_m=float(row["range_m"]), illumination=row["illumination"], exposure=row["exposure"])
         assert float(row["cnr_analytic [1]"]) == float(here.cnr_analytic)
         assert float(row["px_per_bit [pixel]"]) == float(here.px_per_bit)
         assert float(row["margin_sampling [1]"]) == float(here.margin.sel(criterion="sampling"))
@@ -152,12 +152,14 @@ def test_embedded_scenario_is_the_scenario(make_budget, hostile_html):
 
 
 def test_plan_of_one_range_light_and_exposure_without_a_sighting_gets_a_report(make_budget):
-    plan = {"lights": ("sun",), "ranges_m": (3.0,), "exposures_s": (1e-3,)}
+    plan = {"illuminations": ("sunlit",), "ranges_m": (3.0,), "exposures_s": (1e-3,)}
     assert "The budget does not close at 3 m" in render_budget_report(make_budget(found=0.0, budget=plan))
 
 
 def test_long_plans_show_a_selection_of_pictures(make_budget):
-    page = render_budget_report(make_budget(budget={"ranges_m": tuple(np.linspace(1, 5, 40)), "lights": ("eclipse",)}))
+    page = render_budget_report(
+        make_budget(budget={"ranges_m": tuple(np.linspace(1, 5, 40)), "illuminations": ("eclipse",)})
+    )
     assert page.count("data:image/png") == MAX_PICTURED_RANGES
     assert f"{MAX_PICTURED_RANGES} of the 40 ranges are shown" in page
 

@@ -65,10 +65,13 @@ def changed(tmp_path: Path, name: str, old: str, new: str) -> Evidence:
 
 
 def test_light_fails_where_one_lit_cell_fails(tmp_path: Path, evidence: Evidence) -> None:
-    assert checks.light(evidence).verdict == "met"
+    assert checks.illumination(evidence).verdict == "met"
     rows = [r for r in (RESULTS / "glare.csv").read_text().splitlines() if r.startswith("pair,5,45,")]
     assert len(rows) == 1
-    assert checks.light(changed(tmp_path, "glare.csv", rows[0], rows[0].replace("True", "False"))).verdict == "not met"
+    assert (
+        checks.illumination(changed(tmp_path, "glare.csv", rows[0], rows[0].replace("True", "False"))).verdict
+        == "not met"
+    )
 
 
 def test_accuracy_fails_for_two_reasons(tmp_path: Path, evidence: Evidence) -> None:

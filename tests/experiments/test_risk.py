@@ -41,7 +41,7 @@ def row(
     table = {failures.MODES[mode]: counts.get(mode, 0) for mode in failures.MODES}
     told = {heading: "–" for heading in failures.HEADINGS[len(table) :]}
     return {
-        "light": "eclipse",
+        "illumination": "eclipse",
         "frames": "full",
         "method": method,
         "frames in all": frames,

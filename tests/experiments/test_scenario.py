@@ -71,9 +71,9 @@ def test_shipped_scenarios_load_by_name_and_keep_their_digest_when_written_out(n
 
 #: Values other than the default where a small change of it would not be valid.
 OTHERS: dict[str, Any] = {
-    "light": "sun", "exposure_s": 1e-3, "title": "another", "marker.dictionary": "4X4_100", "filter.effective_index": 2.0,
+    "illumination": "sunlit", "exposure_s": 1e-3, "title": "another", "marker.dictionary": "4X4_100", "filter.effective_index": 2.0,
     "target.face_material": "diffuse_reference", "target.tape_material": "tape_type_ix", "render.wavelength_nodes": 8,
-    "target.absorber_material": "diffuse_reference", "budget.lights": ("sun",), "camera.focus_m": 3.0,
+    "target.absorber_material": "diffuse_reference", "budget.illuminations": ("sunlit",), "camera.focus_m": 3.0,
     "camera.point_source_transmittance": ((20.0, 1e-5), (60.0, 1e-7)), "target.edge_radius_m": 0.01,
     "target.edge_material": "white_paint",
 }  # fmt: skip
@@ -122,7 +122,7 @@ def test_the_digest_does_not_depend_on_how_the_file_is_written(tmp_path: Path) -
 
 NUMBERS = {
     "range_m": st.floats(0.05, 1000), "seed": st.integers(0, 2**63 - 1), "exposure_s": st.floats(1e-9, 100) | st.just("auto"),
-    "light": st.sampled_from(["eclipse", "sun"]),
+    "illumination": st.sampled_from(["eclipse", "sunlit"]),
     "title": st.text(st.characters(codec="utf-8", exclude_characters="\x7f"), max_size=40),
     "camera.f_number": st.floats(0.5, 64), "camera.width_px": st.integers(16, 16384), "camera.psf_sigma_px": st.floats(0, 20),
     "filter.low_nm": st.floats(300, 840), "filter.high_nm": st.floats(900, 1200), "sensor.quantum_efficiency": st.floats(0, 1),

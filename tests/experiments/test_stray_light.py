@@ -69,11 +69,11 @@ def test_the_pose_is_recovered_through_a_distorted_lens() -> None:
     scenario = near(camera=DISTORTION)
     truth = chain.view(scenario)
     rate = chain.electron_rate(scenario, distorted_basis(), "eclipse")
-    seconds = chain.exposure_s(scenario, chain.link_budget(scenario, "eclipse"), "auto")
+    seconds = chain.solve_exposure(scenario, chain.link_budget(scenario, "eclipse"), "auto")
     corners = truth.to_image(scenario.marker.corners_m)
     assert np.linalg.norm(corners - _ideal_corners(truth), axis=1).min() > 0.2
     for trial in range(4):
-        seen = chain.look(scenario, chain.take_frame(scenario, rate, "eclipse", seconds, trial).dn)
+        seen = chain.detect(scenario, chain.expose(scenario, rate, "eclipse", seconds, trial).dn)
         assert seen.features.reason is None  # all four blobs
         np.testing.assert_allclose(seen.features.corners_px, corners, atol=0.1)
         assert seen.pose is not None
@@ -143,21 +143,21 @@ def test_vignetting_darkens_frame_and_budget_alike() -> None:
     for basis_of in (plain, dark):
         signal, _ = bits(basis_of, chain.electron_rate(basis_of, plain_basis(), "eclipse"))
         assert signal == pytest.approx(chain.link_budget(basis_of, "eclipse").signal_rate, rel=0.01)
-    rate = [chain.electron_rate(s, plain_basis(), "sun") for s in (plain, dark)]
+    rate = [chain.electron_rate(s, plain_basis(), "sunlit") for s in (plain, dark)]
     assert rate[1][0, 0] == pytest.approx(0.5 * rate[0][0, 0])
 
 
 def test_veiling_glare_keeps_the_light_of_the_frame() -> None:
     plain, veiled = near(), near(camera={"veiling_glare": 0.05})
-    before, after = (chain.electron_rate(s, plain_basis(), "sun") for s in (plain, veiled))
+    before, after = (chain.electron_rate(s, plain_basis(), "sunlit") for s in (plain, veiled))
     assert after.sum() == pytest.approx(before.sum(), rel=1e-12)
     assert after.min() > before.min()
-    clean = chain.link_budget(plain, "sun")
-    told = chain.link_budget(veiled, "sun", mean_rate=float(before.mean()))
+    clean = chain.link_budget(plain, "sunlit")
+    told = chain.link_budget(veiled, "sunlit", mean_rate=float(before.mean()))
     for name in ("signal_rate", "background_rate"):
         value = 0.95 * getattr(clean, name) + 0.05 * before.mean()
         assert getattr(told, name) == pytest.approx(value, rel=1e-12)
-    guessed = chain.link_budget(veiled, "sun")
+    guessed = chain.link_budget(veiled, "sunlit")
     assert guessed.background_rate == pytest.approx(told.background_rate, rel=0.1), "crinkled foil behind the plane"
     assert clean.background_rate < 0.5 * told.background_rate
 
@@ -165,11 +165,11 @@ def test_veiling_glare_keeps_the_light_of_the_frame() -> None:
 def test_a_sun_outside_the_field_lifts_every_pixel_of_frame_and_budget_alike() -> None:
     for phase_deg in (100.0, 140.0):
         plain, stray = near(sun={"phase_deg": phase_deg}), near(sun={"phase_deg": phase_deg}, camera=STRAY)
-        lift = chain.electron_rate(stray, plain_basis(), "sun") - chain.electron_rate(plain, plain_basis(), "sun")
+        lift = chain.electron_rate(stray, plain_basis(), "sunlit") - chain.electron_rate(plain, plain_basis(), "sunlit")
         added = chain.sun_stray_rate(stray)
         assert added > 0
         np.testing.assert_allclose(lift, added, rtol=1e-6)
-        clean, budget = (chain.link_budget(s, "sun") for s in (plain, stray))
+        clean, budget = (chain.link_budget(s, "sunlit") for s in (plain, stray))
         assert budget.signal_rate - clean.signal_rate == pytest.approx(added, rel=1e-6)
         assert budget.background_rate - clean.background_rate == pytest.approx(added, rel=1e-6)
         eclipse = [chain.electron_rate(s, plain_basis(), "eclipse") for s in (plain, stray)]
@@ -190,25 +190,27 @@ def earth_basis() -> TransportBasis:
 def test_the_earth_adds_its_light_in_sunlight_alone() -> None:
     with_it = near(earth={}, sun={"phase_deg": 60.0, "azimuth_deg": 90.0})
     without = near(sun={"phase_deg": 60.0, "azimuth_deg": 90.0})
-    assert set(chain.strengths(with_it)) == {"led", "sun", "earth"}
-    rates = {s: [chain.electron_rate(x, earth_basis(), s) for x in (without, with_it)] for s in ("eclipse", "sun")}
+    assert set(chain.source_spectra(with_it)) == {"led", "sunlit", "earth"}
+    rates = {s: [chain.electron_rate(x, earth_basis(), s) for x in (without, with_it)] for s in ("eclipse", "sunlit")}
     np.testing.assert_array_equal(*rates["eclipse"])
-    assert np.all(rates["sun"][1] >= rates["sun"][0])
-    added = np.subtract(bits(with_it, rates["sun"][1]), bits(without, rates["sun"][0]))
-    budgets = [chain.link_budget(s, "sun") for s in (without, with_it)]
+    assert np.all(rates["sunlit"][1] >= rates["sunlit"][0])
+    added = np.subtract(bits(with_it, rates["sunlit"][1]), bits(without, rates["sunlit"][0]))
+    budgets = [chain.link_budget(s, "sunlit") for s in (without, with_it)]
     # The front plane sees all that is above its horizon: nothing shadows a bit.
     assert added[0] == pytest.approx(budgets[1].signal_rate - budgets[0].signal_rate, rel=0.01)
     assert added[1] == pytest.approx(budgets[1].background_rate - budgets[0].background_rate, rel=0.05)
     assert added[0] > 0.001 * budgets[0].signal_rate
     double = chain.electron_rate(
-        near(earth={"albedo": 0.6}, sun={"phase_deg": 60.0, "azimuth_deg": 90.0}), earth_basis(), "sun"
+        near(earth={"albedo": 0.6}, sun={"phase_deg": 60.0, "azimuth_deg": 90.0}), earth_basis(), "sunlit"
     )
-    np.testing.assert_allclose(double - rates["sun"][0], 2 * (rates["sun"][1] - rates["sun"][0]), rtol=1e-6, atol=1e-3)
+    np.testing.assert_allclose(
+        double - rates["sunlit"][0], 2 * (rates["sunlit"][1] - rates["sunlit"][0]), rtol=1e-6, atol=1e-3
+    )
 
 
 def test_a_basis_without_the_earth_that_a_scenario_has_is_refused() -> None:
     with pytest.raises(ValueError, match="no earth layers; render it again"):
-        chain.electron_rate(near(earth={}), plain_basis(), "sun")
+        chain.electron_rate(near(earth={}), plain_basis(), "sunlit")
     assert chain.electron_rate(near(earth={}), plain_basis(), "eclipse").sum() > 0
 
 
@@ -232,4 +234,4 @@ def test_pulses_longer_than_leds_stand_are_refused_and_avoided() -> None:
     with pytest.raises(ScenarioError, match=r"^exposure_s: 0\.002 s, expected at most leds\.longest_pulse_s"):
         validate({"exposure_s": 2e-3, "leds": {"longest_pulse_s": 1e-3}, "budget": {"exposures_s": ["auto"]}})
     dim = near(leds={"longest_pulse_s": 1e-6, "count": 1}, budget={"exposures_s": ["auto"]})
-    assert chain.exposure_s(dim, chain.link_budget(dim, "eclipse"), "auto") == 1e-6
+    assert chain.solve_exposure(dim, chain.link_budget(dim, "eclipse"), "auto") == 1e-6

@@ -30,7 +30,7 @@ trials = 2
 "camera.height_px" = 80
 [grid]
 range_m = [3.0, 4.0]
-light = ["eclipse", "sun"]
+illumination = ["eclipse", "sunlit"]
 exposure_s = [4e-7, "auto", 1e-3]
 """
 
@@ -56,8 +56,8 @@ def _run(folder: Path, text: str = PLAN, **options) -> study.Outcome:
 def test_dimensions_are_the_swept_keys_with_units(tmp_path):
     _run(tmp_path)
     dataset = xr.load_dataset(tmp_path / "out.nc", engine="h5netcdf")
-    assert dict(dataset.snr_rendered.sizes) == {"range_m": 2, "light": 2, "exposure_s": 3}
-    assert dataset.detected.dims == ("range_m", "light", "exposure_s", "trial")
+    assert dict(dataset.snr_rendered.sizes) == {"range_m": 2, "illumination": 2, "exposure_s": 3}
+    assert dataset.detected.dims == ("range_m", "illumination", "exposure_s", "trial")
     assert dataset.range_m.attrs["units"] == "m"
     assert list(dataset.exposure_s.values) == ["4e-07", "auto", "0.001"]
     # 30 000 rays at most on a marker of 27 px are too few for the tenth that the renderer aims at, yet it says so.
@@ -225,7 +225,7 @@ def test_a_case_that_cannot_be_computed_is_recorded_and_the_sweep_goes_on(tmp_pa
 
 
 def test_an_exposure_that_fails_leaves_its_neighbours_alone(tmp_path, monkeypatch):
-    original = chain.exposure_s
+    original = chain.solve_exposure
 
     def never_auto(scenario, budget, exposure):
         if exposure == "auto":
@@ -289,12 +289,12 @@ def test_a_bad_plan_gets_one_clear_line(tmp_path, text, message):
 def test_any_slice_is_drawn_and_bad_choices_are_named(tmp_path):
     _run(tmp_path)
     out = tmp_path / "out.nc"
-    fixed = draw_slice(out, "range_m", "cnr_analytic", "exposure_s", ("light=sun",), tmp_path / "a.svg")
-    assert fixed == {"light": "sun"}
+    fixed = draw_slice(out, "range_m", "cnr_analytic", "exposure_s", ("illumination=sunlit",), tmp_path / "a.svg")
+    assert fixed == {"illumination": "sunlit"}
     assert "contrast-to-noise ratio" in (tmp_path / "a.svg").read_text()
     for bad, message in (
         (("range_m", "nothing", None, ()), "no such variable"),
-        (("light", "cnr_analytic", None, ()), "must both be numbers"),
+        (("illumination", "cnr_analytic", None, ()), "must both be numbers"),
         (("range_m", "cnr_analytic", "seed", ()), "not a dimension"),
         (("range_m", "cnr_analytic", None, ("light=moon",)), "not among eclipse, sun"),
     ):

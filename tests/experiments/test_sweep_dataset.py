@@ -26,7 +26,7 @@ trials = 3
 range_m = [2, 5]
 [list]
 "leds.count" = [10, 20, 20]
-light = ["eclipse", "eclipse", "sun"]
+illumination = ["eclipse", "eclipse", "sunlit"]
 """
 
 
@@ -144,7 +144,7 @@ def test_both_ways_of_a_quantity_are_drawn_as_lines_and_points(tmp_path: Path) -
 def test_points_run_side_by_side_are_drawn_over_one_of_their_keys(tmp_path: Path) -> None:
     write_dataset(_dataset(_sweep(tmp_path, BESIDE)), tmp_path / "out.nc")
     draw = lambda *arguments: draw_slice(tmp_path / "out.nc", *arguments, tmp_path / "a.svg")  # noqa: E731
-    assert draw("leds.count", "cnr_analytic", "light", ("range_m=5",)) == {"range_m": 5}
+    assert draw("leds.count", "cnr_analytic", "illumination", ("range_m=5",)) == {"range_m": 5}
     assert draw("leds.count", "cnr", "range_m", ()) == {}
     assert draw("range_m", "cnr_analytic", "case", ()) == {}
     assert draw("range_m", "detected_fraction", None, ("case=1",)) == {"case": 1}

@@ -106,11 +106,11 @@ def test_a_window_shows_what_the_whole_frame_shows(small) -> None:
     cut = windowed(whole, 1.5)
     y, x = ((a - b) // 2 for a, b in zip((182, 192), (cut.camera.height_px, cut.camera.width_px), strict=True))
     assert (x, y) > (0, 0)
-    rates = [chain.electron_rate(s, render_basis(chain.view(s), chain.quality(s)), "sun") for s in (whole, cut)]
+    rates = [chain.electron_rate(s, render_basis(chain.view(s), chain.quality(s)), "sunlit") for s in (whole, cut)]
     part = rates[0][y : y + cut.camera.height_px, x : x + cut.camera.width_px]
     assert np.abs(part - rates[1]).max() < 0.02 * rates[0].max()
-    seconds = chain.exposure_s(whole, chain.link_budget(whole, "sun"), "auto")
-    [a], [b] = (trials.draw(s, rate, "sun", [seconds]) for s, rate in zip((whole, cut), rates, strict=True))
+    seconds = chain.solve_exposure(whole, chain.link_budget(whole, "sunlit"), "auto")
+    [a], [b] = (trials.draw(s, rate, "sunlit", [seconds]) for s, rate in zip((whole, cut), rates, strict=True))
     for name in ("snr", "cnr"):
         apart = abs(a.values[f"{name}_rendered"] - b.values[f"{name}_rendered"])
         # Two independent 95 % intervals, widened to 99.9 %.

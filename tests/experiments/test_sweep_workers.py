@@ -26,7 +26,7 @@ trials = 2
 "camera.height_px" = 80
 [grid]
 range_m = [3.0, 4.0]
-light = ["eclipse", "sun"]
+illumination = ["eclipse", "sunlit"]
 exposure_s = [4e-7, 2e-6, 1e-5, "auto"]
 """
 CASES = 16

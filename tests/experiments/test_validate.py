@@ -54,7 +54,7 @@ def test_the_error_budget_explains_what_is_left(dataset: xr.Dataset) -> None:
 
 
 def test_effects_have_the_size_that_physics_gives_them(dataset: xr.Dataset) -> None:
-    eclipse = dataset.effect_on_signal.sel(light="eclipse", tilt_deg=40.0, size_m=0.05)
+    eclipse = dataset.effect_on_signal.sel(illumination="eclipse", tilt_deg=40.0, size_m=0.05)
     # The bits are within 1 cm of the axis and the LEDs 5 cm: cos³¹ of 50/2500 is 1 − 31/2 (1/50)² to a tenth.
     assert float(eclipse.sel(range_m=2.5, effect="led_pattern")) == pytest.approx(31 / 2 / 50**2, rel=0.1)
     assert float(eclipse.sel(range_m=20.0, effect="neighbours")) > 1  # half of a bit of 0.45 px is its black neighbours
@@ -73,7 +73,7 @@ def test_a_wrong_closed_form_is_found_out(dataset: xr.Dataset) -> None:
     assert not judged.agrees.sel(range_m=2.5).any()
     assert judged.agrees.sel(range_m=20.0).all()
     lines = list(validate_tables.outside(judged))
-    assert len(lines) == judged.sizes["light"] * judged.sizes["sensor"]
+    assert len(lines) == judged.sizes["illumination"] * judged.sizes["sensor"]
     assert "differs by 1.9" in lines[0] or "differs by 2.0" in lines[0]
 
 
@@ -111,7 +111,7 @@ def test_cropping_moves_no_pixel() -> None:
     np.testing.assert_allclose(
         chain.view(here).to_image(corners) - shift, chain.view(small).to_image(corners), atol=1e-9
     )
-    a, b = (chain.link_budget(s, "sun") for s in (here, small))
+    a, b = (chain.link_budget(s, "sunlit") for s in (here, small))
     assert a.signal_rate == pytest.approx(b.signal_rate, rel=1e-12)
     assert a.background_rate == pytest.approx(b.background_rate, rel=1e-9)
 

@@ -25,7 +25,7 @@ def test_shortfalls_are_those_of_the_datasets_margins(make_budget, case):
     result = make_budget(**case)
     assert list(MEASURES) == list(CRITERIA) == list(result.dataset.criterion.values)
     for verdict in summarise(result.dataset, result.scenario).cases:
-        margin = result.dataset.margin.sel(light=verdict.light, exposure=verdict.exposure)
+        margin = result.dataset.margin.sel(illumination=verdict.illumination, exposure=verdict.exposure)
         expected = {
             (float(m.range_m), str(m.criterion.values), float(m))
             for m in margin.stack(x=("range_m", "criterion"))
@@ -90,11 +90,13 @@ def test_exposure_windows_just_meet_each_limit(make_budget, noise, dark, limit):
     sensor = {"read_noise_electrons": noise, "dark_current_electrons_per_s": dark}
     result = make_budget(sensor=sensor, requirement={"cnr_min": limit})
     windows = exposure_windows(result.dataset, result.scenario)
-    for name, light in ((n, v) for n in ("cnr", "saturation", "smear") for v in ("eclipse", "sun")):
-        here = result.dataset.isel(exposure=0).sel(light=light)
-        ratio = windows[name].sel(light=light) / here.exposure_s
+    for name, illumination in ((n, v) for n in ("cnr", "saturation", "smear") for v in ("eclipse", "sunlit")):
+        here = result.dataset.isel(exposure=0).sel(illumination=illumination)
+        ratio = windows[name].sel(illumination=illumination) / here.exposure_s
         if name == "cnr":
-            dark_e = (result.scenario.sensor.dark_rate_electrons_per_s * windows.cnr.sel(light=light)).values
+            dark_e = (
+                result.scenario.sensor.dark_rate_electrons_per_s * windows.cnr.sel(illumination=illumination)
+            ).values
             signal, background = here.signal_analytic * ratio, here.background_analytic * ratio
             value = link.cnr(signal, background, dark_e, result.scenario.sensor.total_noise_electrons)
         else:
@@ -152,12 +154,17 @@ def test_poses_that_are_off_are_counted(make_budget):
 
 @pytest.mark.parametrize(
     "plan",
-    [{"lights": ("sun",)}, {"ranges_m": (3.0,)}, {"exposures_s": (1e-3,)}, {"exposures_s": (1e-3, 1.0001e-3)}],
+    [
+        {"illuminations": ("sunlit",)},
+        {"ranges_m": (3.0,)},
+        {"exposures_s": (1e-3,)},
+        {"exposures_s": (1e-3, 1.0001e-3)},
+    ],
 )
 def test_any_plan_gets_a_verdict_and_a_table(make_budget, plan):
     result = make_budget(budget=plan)
     summary = summarise(result.dataset, result.scenario)
-    assert len(summary.shown) == len(result.scenario.budget.lights)
+    assert len(summary.shown) == len(result.scenario.budget.illuminations)
     assert _printed(budget_table(result)).count("\n") > 3
 
 

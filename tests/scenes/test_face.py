@@ -62,11 +62,11 @@ def test_each_marker_stands_in_the_frame_as_it_is_rendered_alone(scenario: Scena
     assert np.array_equal(together.layers["led"][box], alone.layers["led"][box])
 
     rate = chain.electron_rate(scenario, together, "eclipse")
-    seconds = chain.exposure_s(scenario, chain.link_budget(scenario, "eclipse"), "auto")
-    frame = chain.take_frame(scenario, rate, "eclipse", seconds).dn
+    seconds = chain.solve_exposure(scenario, chain.link_budget(scenario, "eclipse"), "auto")
+    frame = chain.expose(scenario, rate, "eclipse", seconds).dn
     for placed in (LEFT, RIGHT):
         here = scenario.at(marker=placed.design.model_dump())
-        found = chain.look(here, frame).features
+        found = chain.detect(here, frame).features
         truth = face_view(view, placed).to_image(placed.design.corners_m)
         assert found.corners_px is not None
         # A tenth of a pixel: some four standard deviations of a corner here.

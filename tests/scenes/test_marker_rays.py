@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from scenes.marker import MarkerDesign
-from scenes.render.scene import World
+from scenes.render.scene import Scene
 from scenes.target import Target
 from scenes.view import MM_PER_M
 
@@ -41,7 +41,7 @@ def test_rays_meet_the_same_surface_and_the_same_shadows(
     """
     design = DESIGNS[name]
     rng = np.random.default_rng(1)
-    world = World(design, Target())
+    world = Scene(design, Target())
     assert world.marker is not None
     side = design.size_m * MM_PER_M
     origin = np.array(camera) * side
@@ -69,5 +69,5 @@ def test_rays_meet_the_same_surface_and_the_same_shadows(
 def test_what_stands_before_the_plane_is_left_to_triangles(mi: ModuleType) -> None:
     """Bars thicker than the marker shade it."""
     design = MarkerDesign()
-    assert World(design, Target(edge_radius_m=0.5 * design.thickness_m)).marker is not None
-    assert World(design, Target(edge_radius_m=2 * design.thickness_m)).marker is None
+    assert Scene(design, Target(edge_radius_m=0.5 * design.thickness_m)).marker is not None
+    assert Scene(design, Target(edge_radius_m=2 * design.thickness_m)).marker is None

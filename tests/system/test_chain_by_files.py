@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from experiments import chain
-from experiments.reporting import detection as sighting
+from experiments.reporting import detection
 from experiments.reporting.plain import plain
 from experiments.scenario import Scenario
 from scenes.files import exr
@@ -33,12 +33,12 @@ def basis_file(small_file: Path, tmp_path_factory: pytest.TempPathFactory) -> Pa
     return path
 
 
-def in_one_process(scenario: Scenario, basis: TransportBasis, light: str) -> tuple[chain.Frame, chain.Sighting]:
-    """The chain from a basis to a sighting, without files."""
-    rate = chain.electron_rate(scenario, basis, light)
-    seconds = chain.exposure_s(scenario, chain.link_budget(scenario, light), scenario.exposure_s)
-    frame = chain.take_frame(scenario, rate, light, seconds)
-    return frame, chain.look(scenario, frame.dn)
+def in_one_process(scenario: Scenario, basis: TransportBasis, illumination: str) -> tuple[chain.Frame, chain.Detection]:
+    """The chain from a basis to a detection, without files."""
+    rate = chain.electron_rate(scenario, basis, illumination)
+    seconds = chain.solve_exposure(scenario, chain.link_budget(scenario, illumination), scenario.exposure_s)
+    frame = chain.expose(scenario, rate, illumination, seconds)
+    return frame, chain.detect(scenario, frame.dn)
 
 
 def test_a_rendered_file_holds_the_basis_bit_by_bit(
@@ -47,23 +47,23 @@ def test_a_rendered_file_holds_the_basis_bit_by_bit(
     """Rendered by two processes, so this also says that rendering repeats to the last bit."""
     read = exr.read_basis(basis_file)
     assert read.nodes_nm == small_basis.nodes_nm
-    for light, images in small_basis.layers.items():
-        assert read.layers[light].dtype == np.float32
-        np.testing.assert_array_equal(read.layers[light], images)
+    for illumination, images in small_basis.layers.items():
+        assert read.layers[illumination].dtype == np.float32
+        np.testing.assert_array_equal(read.layers[illumination], images)
     assert read.attributes["scenario_hash"] == small.digest()
     assert read.attributes["seed"] == small.seed
     chain.check_geometry(small, read, basis_file)
 
 
-@pytest.mark.parametrize("light", ["eclipse", "sun"])
+@pytest.mark.parametrize("illumination", ["eclipse", "sunlit"])
 def test_frames_and_sightings_by_files_equal_those_of_one_process(
-    mantis: Mantis, basis_file: Path, small_file: Path, small: Scenario, small_basis: TransportBasis, light: str,
+    mantis: Mantis, basis_file: Path, small_file: Path, small: Scenario, small_basis: TransportBasis, illumination: str,
     tmp_path: Path,
 ) -> None:  # fmt: skip
-    frame, seen = in_one_process(small, small_basis, light)
-    png, electrons, record = tmp_path / "frame.png", tmp_path / "electrons.exr", tmp_path / "sighting.json"
-    assert mantis("expose", basis_file, small_file, "-o", png, "--set", f"light={light}")[0] == 0
-    assert mantis("expose", basis_file, small_file, "-o", electrons, "--set", f"light={light}")[0] == 0
+    frame, seen = in_one_process(small, small_basis, illumination)
+    png, electrons, record = tmp_path / "frame.png", tmp_path / "electrons.exr", tmp_path / "detection.json"
+    assert mantis("expose", basis_file, small_file, "-o", png, "--set", f"light={illumination}")[0] == 0
+    assert mantis("expose", basis_file, small_file, "-o", electrons, "--set", f"light={illumination}")[0] == 0
     written = cv2.imread(str(png), cv2.IMREAD_UNCHANGED)
     assert written.dtype == np.uint16
     np.testing.assert_array_equal(written, frame.dn)
@@ -71,7 +71,7 @@ def test_frames_and_sightings_by_files_equal_those_of_one_process(
 
     status, out, error = mantis("detect", png, small_file, "--json", "-o", record, "--require", "pose")
     assert (status, error) == (0, "")
-    expected = json.loads(json.dumps(plain(sighting.as_record(seen))))
+    expected = json.loads(json.dumps(plain(detection.as_record(seen))))
     assert expected["detected"]
     assert expected["pose"] is not None
     assert json.loads(out) == expected
@@ -95,11 +95,11 @@ def test_a_new_process_gives_the_same_bytes_and_another_seed_other_noise(
     one, two = (cv2.imread(str(path), cv2.IMREAD_UNCHANGED) for path in (first, other))
     assert np.mean(one != two) > 0.8
     seen = in_one_process(small, small_basis, "eclipse")[1]
-    assert json.loads(run("detect", first, small_file, "--json")) == json.loads(json.dumps(sighting.as_record(seen)))
+    assert json.loads(run("detect", first, small_file, "--json")) == json.loads(json.dumps(detection.as_record(seen)))
 
 
 def test_renders_and_exposures_repeat_byte_by_byte(mantis: Mantis, small_file: Path, tmp_path: Path) -> None:
-    coarse = ("--set", "render.marker_rays=20000", "--set", "light=sun")
+    coarse = ("--set", "render.marker_rays=20000", "--set", "illumination=sunlit")
     for name in ("a", "b"):
         assert mantis("render", small_file, "-o", tmp_path / f"{name}.exr", *coarse)[0] == 0
         for suffix in ("png", "electrons.exr"):

@@ -40,16 +40,18 @@ class Plate:
     clear: NDArray[np.bool_]
     points_m: NDArray[np.float64]
 
-    def closed_form_rate(self, scenario: Scenario, light: str) -> NDArray[np.float64]:
+    def closed_form_rate(self, scenario: Scenario, illumination: str) -> NDArray[np.float64]:
         """Electron rate of every clear pixel from `radiometry.link`, with the lens's fall-off."""
-        view, response, strength = chain.view(scenario), chain.responsivity(scenario), chain.strengths(scenario)
+        view, response, strength = chain.view(scenario), chain.responsivity(scenario), chain.source_spectra(scenario)
         wavelength, brdf = link.band_grid(response), library.load("diffuse_reference").brdf
         viewer, leds = view.to_marker(np.zeros(3)), view.to_marker(scenario.leds.positions_m())
         transports = {
             "led": link.ring_transport(self.points_m, viewer, leds, view.rotation[2], scenario.leds, brdf, wavelength),
-            "sun": link.sun_transport(self.points_m, viewer, view.sun_in_marker, brdf, wavelength),
+            "sunlit": link.sun_transport(self.points_m, viewer, view.sun_in_marker, brdf, wavelength),
         }
-        rates = [link.electron_rate(transports[s], wavelength, strength[s], response) for s in chain.LIGHTS_ON[light]]
+        rates = [
+            link.electron_rate(transports[s], wavelength, strength[s], response) for s in chain.SOURCES[illumination]
+        ]
         return np.sum(rates, axis=0) * scenario.camera.relative_illumination()[self.clear]
 
 
@@ -68,8 +70,8 @@ def plate() -> Plate:
     return Plate(scenario, chain.transport(scenario), clear, points[clear])
 
 
-@pytest.mark.parametrize("light", ["led", "sun"])
-def test_rendered_radiance_of_a_plate_is_that_of_lamberts_law(plate: Plate, light: str) -> None:
+@pytest.mark.parametrize("illumination", ["led", "sunlit"])
+def test_rendered_radiance_of_a_plate_is_that_of_lamberts_law(plate: Plate, illumination: str) -> None:
     """Rationale: a Lambertian plate is the one target whose radiance needs no table: L = ρ/π · E.
 
     Expected behaviour: every basis image equals it; the mean over 10 000 pixels to 2e-5, the single precision of the
@@ -78,7 +80,7 @@ def test_rendered_radiance_of_a_plate_is_that_of_lamberts_law(plate: Plate, ligh
     """
     scenario, view = plate.scenario, chain.view(plate.scenario)
     albedo = 0.5
-    if light == "sun":
+    if illumination == "sunlit":
         irradiance = np.full(len(plate.points_m), view.sun_in_marker[2])
     else:
         towards = view.to_marker(scenario.leds.positions_m())[0] - plate.points_m
@@ -86,16 +88,16 @@ def test_rendered_radiance_of_a_plate_is_that_of_lamberts_law(plate: Plate, ligh
         cosine = towards[:, 2] / distance
         half_angle = np.radians(scenario.leds.half_angle_deg)
         irradiance = cosine ** (np.log(0.5) / np.log(np.cos(half_angle))) * cosine / distance**2
-    for image in plate.basis.layers[light]:
+    for image in plate.basis.layers[illumination]:
         ratio = image[plate.clear] / (albedo / np.pi * irradiance) - 1
         assert abs(ratio.mean()) < 2e-5
-        assert np.abs(ratio).max() < {"led": 1e-4, "sun": 1e-3}[light]
+        assert np.abs(ratio).max() < {"led": 1e-4, "sunlit": 1e-3}[illumination]
 
 
 @pytest.mark.parametrize("full_well_fraction", [0.002, 0.5, 0.999])
-@pytest.mark.parametrize("light", ["one LED", "sun alone", "both"])
+@pytest.mark.parametrize("illumination", ["one LED", "sun alone", "both"])
 def test_electrons_of_a_plate_have_the_mean_and_variance_of_the_closed_form(
-    plate: Plate, light: str, full_well_fraction: float
+    plate: Plate, illumination: str, full_well_fraction: float
 ) -> None:
     """Rationale: link budget and sensor model are both closed forms; the rendered, noisy frames must be draws from them.
 
@@ -103,15 +105,15 @@ def test_electrons_of_a_plate_have_the_mean_and_variance_of_the_closed_form(
     of the charge with `collected_moments`, all 36 of them within 99.9 %: in the dark, where read noise prevails; at half full
     well, where shot noise does; and at the full well, which clips half of the draws and shrinks the variance.
     """
-    intensity = 1e-9 if light == "sun alone" else plate.scenario.leds.intensity_w_sr
+    intensity = 1e-9 if illumination == "sun alone" else plate.scenario.leds.intensity_w_sr
     leds = plate.scenario.leds.model_copy(update={"intensity_w_sr": intensity})
     scenario = plate.scenario.at(leds=leds.model_dump())
-    lights = "eclipse" if light == "one LED" else "sun"
-    expected = plate.closed_form_rate(scenario, lights)
-    rate = chain.electron_rate(scenario, plate.basis, lights)
+    illuminations = "eclipse" if illumination == "one LED" else "sunlit"
+    expected = plate.closed_form_rate(scenario, illuminations)
+    rate = chain.electron_rate(scenario, plate.basis, illuminations)
     sensor = scenario.sensor
     seconds = full_well_fraction * sensor.full_well_electrons / expected.mean()
-    frames = [chain.take_frame(scenario, rate, lights, seconds, trial) for trial in range(8)]
+    frames = [chain.expose(scenario, rate, illuminations, seconds, trial) for trial in range(8)]
 
     for drawn, (mean, variance) in (
         (np.array([f.dn[plate.clear] for f in frames], float), moments(sensor, expected, seconds)),
@@ -123,10 +125,12 @@ def test_electrons_of_a_plate_have_the_mean_and_variance_of_the_closed_form(
         assert abs(surplus.mean()) < Z999 * surplus.std() / np.sqrt(off.size)
 
 
-def bit_levels(scenario: Scenario, light: str, basis: TransportBasis) -> tuple[float, float, chain.LinkBudget]:
+def bit_levels(scenario: Scenario, illumination: str, basis: TransportBasis) -> tuple[float, float, chain.LinkBudget]:
     """Rendered electron rates of bright bits and dark cells, and the closed-form budget."""
-    budget = chain.link_budget(scenario, light)
-    known = trials.known_values(scenario, light, budget, chain.electron_rate(scenario, basis, light), [1.0])
+    budget = chain.link_budget(scenario, illumination)
+    known = trials.known_values(
+        scenario, illumination, budget, chain.electron_rate(scenario, basis, illumination), [1.0]
+    )
     return known["signal_expected"][0], known["background_expected"][0], budget
 
 
@@ -151,8 +155,8 @@ def test_electrons_of_a_bit_match_the_link_budget(range_m: float, tilt: str) -> 
         overrides += ["target.pitch_deg=20", "target.yaw_deg=-25"]
     scenario = load_scenario(overrides=tuple(overrides)).at(range_m=range_m)
     basis = chain.transport(scenario)
-    for light in ("eclipse", "sun"):
-        signal, background, budget = bit_levels(scenario, light, basis)
+    for illumination in ("eclipse", "sunlit"):
+        signal, background, budget = bit_levels(scenario, illumination, basis)
         assert signal == pytest.approx(budget.signal_rate, rel=1e-3)
         assert background == pytest.approx(budget.background_rate, abs=1e-3 * budget.signal_rate)
 
@@ -238,7 +242,7 @@ def test_sunlight_is_integrated_over_the_passband(plate: Plate) -> None:
     etendue = camera.pixel_pitch_x_m * camera.pixel_pitch_y_m * np.pi / (4 * camera.f_number**2)
     cosine = np.cos(np.radians(scenario.sun.phase_deg))
     scale = etendue * camera.lens_transmission * scenario.sensor.quantum_efficiency * 0.5 / np.pi * cosine
-    rate = chain.electron_rate(scenario, plate.basis, "sun") - chain.electron_rate(scenario, plate.basis, "eclipse")
+    rate = chain.electron_rate(scenario, plate.basis, "sunlit") - chain.electron_rate(scenario, plate.basis, "eclipse")
     seen = (rate / camera.relative_illumination())[plate.clear]
     assert seen.mean() == pytest.approx(scale * photons.sum() * 0.01, rel=1e-4)
 
@@ -254,16 +258,16 @@ def test_rendered_snr_and_cnr_lie_within_their_intervals_as_often_as_stated(monk
                    "range_m=4", "budget.trials=10")
     )  # fmt: skip
     basis, sensor = chain.transport(scenario), scenario.sensor
-    blind = chain.look(scenario, np.full((96, 96), 64, np.uint16))
+    blind = chain.detect(scenario, np.full((96, 96), 64, np.uint16))
     monkeypatch.setattr(chain, "look", lambda *_: blind)  # 600 frames need no detector to be counted
     inside = {"snr": 0, "cnr": 0}
     cases = 0
-    for light in ("eclipse", "sun"):
-        rate = chain.electron_rate(scenario, basis, light)
-        budget = chain.link_budget(scenario, light)
+    for illumination in ("eclipse", "sunlit"):
+        rate = chain.electron_rate(scenario, basis, illumination)
+        budget = chain.link_budget(scenario, illumination)
         seconds = list(np.geomspace(20, 0.5 * sensor.full_well_electrons, 32) / budget.signal_rate)
-        known = trials.known_values(scenario, light, budget, rate, seconds)
-        drawn = trials.draw(scenario, rate, light, seconds)
+        known = trials.known_values(scenario, illumination, budget, rate, seconds)
+        drawn = trials.draw(scenario, rate, illumination, seconds)
         for k, t in enumerate(seconds):
             signal, background = known["signal_expected"][k], known["background_expected"][k]
             dark, noise = sensor.dark_electrons(t), sensor.total_noise_electrons

@@ -88,31 +88,31 @@ def _parse_requirement(require: str | None, scenario: Any) -> tuple[str, float] 
         return None
     if require == "closes":
         return "all", float("inf")
-    light, _, limit = require.partition(":")
+    illumination, _, limit = require.partition(":")
     try:
         range_m = float(limit)
     except ValueError:
         range_m = float("nan")
-    if light not in scenario.budget.lights or not range_m > 0:
+    if illumination not in scenario.budget.illuminations or not range_m > 0:
         raise click.UsageError(f"--require {require}: expected 'closes' or LIGHT:RANGE in metres, say eclipse:10")
     nearest, furthest = scenario.budget.ranges_m[0], scenario.budget.ranges_m[-1]
     if not nearest <= range_m <= furthest:
         raise click.UsageError(f"--require {require}: budget.ranges_m judges {nearest:g} to {furthest:g} m only")
-    return light, range_m
+    return illumination, range_m
 
 
 def _check_requirement(condition: tuple[str, float], dataset: Any) -> None:
-    light, limit = condition
+    illumination, limit = condition
     exposure = "auto" if "auto" in dataset.exposure.values else dataset.exposure.values[-1]
     closes = dataset.closes.sel(exposure=exposure)
     closes = closes.where(dataset.range_m <= limit, drop=True).astype(bool)
-    if light != "all":
-        closes = closes.sel(light=[light])
+    if illumination != "all":
+        closes = closes.sel(illumination=[illumination])
     failing = [
         f"{float(r):g} m in {one}"
-        for one in closes.light.values
+        for one in closes.illumination.values
         for r in closes.range_m
-        if not bool(closes.sel(light=one, range_m=r))
+        if not bool(closes.sel(illumination=one, range_m=r))
     ]
     if failing:
         raise RequirementNotMet(f"the budget does not close at {', '.join(failing)} (exposure {exposure})")
@@ -144,7 +144,7 @@ def render(options: Options, scenario: str | None, export: Path | None) -> None:
     if export is not None:
         from scenes.files.export import export_scene
 
-        export_scene(chain.view(chosen), chain.strengths(chosen), export)
+        export_scene(chain.view(chosen), chain.source_spectra(chosen), export)
         options.say(f"Scene: {export}")
     if options.out is not None:
         from scenes.files.exr import write_basis
@@ -170,9 +170,11 @@ def expose(options: Options, basis: Path, scenario: str | None, trial: int) -> N
         raise click.UsageError("expose: give --out FILE.png (digital numbers) or FILE.exr (electrons)")
     transport = read_basis(basis)
     chain.check_geometry(chosen, transport, basis)
-    rate = chain.electron_rate(chosen, transport, chosen.light)
-    seconds = chain.exposure_s(chosen, chain.link_budget_beside(chosen, chosen.light, rate), chosen.exposure_s)
-    frame = chain.take_frame(chosen, rate, chosen.light, seconds, trial)
+    rate = chain.electron_rate(chosen, transport, chosen.illumination)
+    seconds = chain.solve_exposure(
+        chosen, chain.link_budget_beside(chosen, chosen.illumination, rate), chosen.exposure_s
+    )
+    frame = chain.expose(chosen, rate, chosen.illumination, seconds, trial)
     if options.out.suffix.lower() == ".png":
         from experiments.reporting.files import write_png
 
@@ -183,11 +185,18 @@ def expose(options: Options, basis: Path, scenario: str | None, trial: int) -> N
             {**chain.provenance(chosen), "unit": "electron", "exposure_s": seconds},
             options.out,
         )
-    saturated = float((frame.electrons >= chain.usable_well(chosen.sensor)).mean())
+    saturated = float((frame.electrons >= chain.usable_well_electrons(chosen.sensor)).mean())
     options.say(
-        f"{chosen.light}, {seconds:.4g} s, brightest {frame.electrons.max():.0f} e-, {saturated:.2%} saturated: {options.out}"
+        f"{chosen.illumination}, {seconds:.4g} s, brightest {frame.electrons.max():.0f} e-, {saturated:.2%} saturated: {options.out}"
     )
-    options.emit({"out": options.out, "light": chosen.light, "exposure_s": seconds, "saturated_fraction": saturated})
+    options.emit(
+        {
+            "out": options.out,
+            "illumination": chosen.illumination,
+            "exposure_s": seconds,
+            "saturated_fraction": saturated,
+        }
+    )
 
 
 @click.command()
@@ -199,18 +208,18 @@ def expose(options: Options, basis: Path, scenario: str | None, trial: int) -> N
 def detect(options: Options, image: Path, scenario: str | None, off: Path | None, require: str | None) -> None:
     """Features and pose of one image, from anywhere; the scenario says which camera and which marker."""
     from experiments import chain
-    from experiments.reporting import detection as sighting
+    from experiments.reporting import detection
     from experiments.reporting.files import read_image, write_text
 
     chosen = options.scenario(scenario)
-    seen = chain.look(chosen, read_image(image), None if off is None else read_image(off))
-    record = sighting.as_record(seen)
+    seen = chain.detect(chosen, read_image(image), None if off is None else read_image(off))
+    record = detection.as_record(seen)
     options.emit(record)
     if options.out is not None:
         import json
 
         write_text(json.dumps(record, indent=2) + "\n", options.out)
-    options.say(*sighting.describe(seen))
+    options.say(*detection.describe(seen))
     if (require == "detected" and not record["detected"]) or (require == "pose" and record["pose"] is None):
         raise RequirementNotMet(f"{require}, but {record['reason'] or 'no pose fits the features'}")
 

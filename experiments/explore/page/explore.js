@@ -73,7 +73,7 @@ function show_controls(answer) {
       slider.value = index;
       slider.setAttribute("aria-valuetext", text);
       output.textContent = text;
-      slider.disabled = control.key === "sun.phase_deg" && state.light === "eclipse";
+      slider.disabled = control.key === "sun.phase_deg" && state.illumination === "eclipse";
       if (answer && !control.live) [...ready.children].forEach((dot, i) => dot.classList.toggle("yes", answer.ready[control.key][i]));
     }
     if (select) select.selectedIndex = control.values.indexOf(value);
@@ -159,7 +159,7 @@ function show_frame(frame) {
   const marker = byId("marker"), found = frame.lines.join(" ");
   marker.src = `data:image/svg+xml,${encodeURIComponent(frame.marker_svg)}`;
   marker.alt = `The marker, enlarged ${frame.enlarged} times. ${found}`;
-  byId("found").textContent = frame.sighting.detected ? `Marker ${frame.sighting.id} found; ${frame.sighting.reason ?? "all four blobs"}.` : `Not found: ${frame.sighting.reason}.`;
+  byId("found").textContent = frame.detection.detected ? `Marker ${frame.detection.id} found; ${frame.detection.reason ?? "all four blobs"}.` : `Not found: ${frame.detection.reason}.`;
   byId("frame").src = `data:image/png;base64,${frame.frame_png}`;
   const [width, height] = frame.frame_px, [x, y, w, h] = frame.crop, crop = byId("crop").style;
   [crop.left, crop.top, crop.width, crop.height] = [x / width, y / height, w / width, h / height].map((share) => `${100 * share}%`);

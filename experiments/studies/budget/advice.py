@@ -8,7 +8,15 @@ import numpy as np
 import xarray as xr
 from scipy.optimize import brentq
 
-from experiments.reporting.formatting import LIGHT_NAMES, factor, listed, number, percent, ranges_text, seconds_text
+from experiments.reporting.formatting import (
+    ILLUMINATION_NAMES,
+    factor,
+    listed,
+    number,
+    percent,
+    ranges_text,
+    seconds_text,
+)
 from experiments.scenario import Scenario
 from radiometry import link
 
@@ -70,7 +78,7 @@ def exposure_windows(dataset: xr.Dataset, scenario: Scenario) -> xr.Dataset:
 
 def _place(array: xr.DataArray, index: dict[str, xr.DataArray]) -> str:
     at = array.isel(index)
-    return f"{float(at.range_m):g} m in {LIGHT_NAMES[str(at.light.values)]}"
+    return f"{float(at.range_m):g} m in {ILLUMINATION_NAMES[str(at.illumination.values)]}"
 
 
 def _exposure_advice(dataset: xr.Dataset, windows: xr.Dataset) -> list[str]:
@@ -83,7 +91,7 @@ def _exposure_advice(dataset: xr.Dataset, windows: xr.Dataset) -> list[str]:
     if least <= most:
         return [
             f"Exposure: any single one from {seconds_text(least)} to {seconds_text(most)} meets CNR, saturation and smear "
-            f"at every range in {listed([LIGHT_NAMES[str(v)] for v in dataset.light.values])}."
+            f"at every range in {listed([ILLUMINATION_NAMES[str(v)] for v in dataset.illumination.values])}."
         ]
     if bool((floor <= ceiling).all()):
         return [
@@ -92,12 +100,12 @@ def _exposure_advice(dataset: xr.Dataset, windows: xr.Dataset) -> list[str]:
         ]
     shut = floor > ceiling
     statements = []
-    for light in dataset.light.values:
+    for illumination in dataset.illumination.values:
         grid = [float(r) for r in dataset.range_m.values]
-        closed = [r for r, s in zip(grid, shut.sel(light=light).values, strict=True) if s]
+        closed = [r for r, s in zip(grid, shut.sel(illumination=illumination).values, strict=True) if s]
         if closed:
             statements.append(
-                f"Exposure: at {ranges_text(grid, closed)} in {LIGHT_NAMES[str(light)]} none meets CNR and {why} together; "
+                f"Exposure: at {ranges_text(grid, closed)} in {ILLUMINATION_NAMES[str(illumination)]} none meets CNR and {why} together; "
                 "light or contrast must change there."
             )
     return statements
@@ -106,13 +114,13 @@ def _exposure_advice(dataset: xr.Dataset, windows: xr.Dataset) -> list[str]:
 def _led_advice(dataset: xr.Dataset, scenario: Scenario) -> list[str]:
     """How many LEDs each exposure takes whose bits saturate; nothing where eclipse was not computed."""
     limit, count = scenario.requirement.full_well_fraction_max, scenario.leds.count
-    if "eclipse" not in dataset.light.values:
+    if "eclipse" not in dataset.illumination.values:
         return []
     said: dict[str, list[str]] = {}
     for here in (dataset.full_well_fraction.isel(exposure=i) for i in range(dataset.sizes["exposure"])):
         if not float(here.max()) > limit:
             continue
-        led = here.sel(light="eclipse", drop=True)
+        led = here.sel(illumination="eclipse", drop=True)
         sun = here - led
         allowed = float((count * (limit - sun) / led).min())
         if float(sun.max()) > limit:
@@ -128,30 +136,33 @@ def _led_advice(dataset: xr.Dataset, scenario: Scenario) -> list[str]:
 def _cnr_advice(here: xr.Dataset, windows: xr.Dataset, scenario: Scenario) -> list[str]:
     """The exposure, or the number of LEDs, that lifts the lowest CNR of each illumination to the limit."""
     statements = []
-    for light in here.light.values:
-        worst = int(here.cnr_analytic.sel(light=light).fillna(np.inf).argmin("range_m"))
-        case, window = here.sel(light=light).isel(range_m=worst), windows.sel(light=light).isel(range_m=worst)
+    for illumination in here.illumination.values:
+        worst = int(here.cnr_analytic.sel(illumination=illumination).fillna(np.inf).argmin("range_m"))
+        case, window = (
+            here.sel(illumination=illumination).isel(range_m=worst),
+            windows.sel(illumination=illumination).isel(range_m=worst),
+        )
         if not float(case.cnr_analytic) < scenario.requirement.cnr_min:
             continue
         needed, ceiling = float(window.cnr), min(float(window.saturation), float(window.smear))
         text = (
-            f"CNR: at {float(case.range_m):g} m in {LIGHT_NAMES[str(light)]} it takes {seconds_text(needed)} of exposure "
+            f"CNR: at {float(case.range_m):g} m in {ILLUMINATION_NAMES[str(illumination)]} it takes {seconds_text(needed)} of exposure "
             f"instead of {seconds_text(float(case.exposure_s))}"
         )
         if needed > ceiling:
             text += f", more than saturation and smear allow ({seconds_text(ceiling)})"
-        leds = _led_factor(here.isel(range_m=worst), scenario, str(light))
+        leds = _led_factor(here.isel(range_m=worst), scenario, str(illumination))
         statements.append(
             text + (f"; or {factor(leds)} the LEDs' intensity." if leds else "; more LEDs do not reach it.")
         )
     return statements
 
 
-def _led_factor(at_range: xr.Dataset, scenario: Scenario, light: str) -> float | None:
+def _led_factor(at_range: xr.Dataset, scenario: Scenario, illumination: str) -> float | None:
     """Factor on the LEDs' intensity that brings CNR to the limit at the exposure as it is; None where none does."""
-    if "eclipse" not in at_range.light.values:
+    if "eclipse" not in at_range.illumination.values:
         return None
-    case, led = at_range.sel(light=light), at_range.sel(light="eclipse")
+    case, led = at_range.sel(illumination=illumination), at_range.sel(illumination="eclipse")
     seconds = float(case.exposure_s)
     scale = seconds / float(led.exposure_s)
     led_e = np.array([float(led.signal_analytic), float(led.background_analytic)]) * scale
@@ -201,8 +212,8 @@ def _detection_advice(here: xr.Dataset) -> str:
     """At which ranges every frame, some or none shows the marker, in each illumination."""
     grid = [float(r) for r in here.range_m.values]
     said: dict[str, list[str]] = {}
-    for light in here.light.values:
-        share = here.detected_fraction.sel(light=light).values
+    for illumination in here.illumination.values:
+        share = here.detected_fraction.sel(illumination=illumination).values
         groups = {
             "every frame": share == 1,
             "some frames": (share > 0) & (share < 1),
@@ -215,8 +226,8 @@ def _detection_advice(here: xr.Dataset) -> str:
                 if chosen.any()
             ]
         )
-        said.setdefault(text, []).append(LIGHT_NAMES[str(light)])
-    first = float(here.px_per_bit.where((here.detected_fraction < 1).any("light")).max())
+        said.setdefault(text, []).append(ILLUMINATION_NAMES[str(illumination)])
+    first = float(here.px_per_bit.where((here.detected_fraction < 1).any("illumination")).max())
     parts = [f"in {listed(lights)} the marker is found {text}" for text, lights in said.items()]
     return f"Detection: {'; '.join(parts)}. The first misses come at {number(first)} px/bit."
 
@@ -228,10 +239,10 @@ def _error_advice(here: xr.Dataset, scenario: Scenario, criterion: str, variable
         return f"{value:.2g}°" if criterion == "attitude" else percent(value)
 
     statements = []
-    for light in scenario.budget.lights:
+    for illumination in scenario.budget.illuminations:
         parts = []
         for i, range_m in enumerate(here.range_m.values):
-            case = here.sel(light=light).isel(range_m=i)
+            case = here.sel(illumination=illumination).isel(range_m=i)
             errors = case[variable].values
             errors = errors[np.isfinite(errors)]
             if float(case.margin.sel(criterion=criterion)) >= 1 or not len(errors):
@@ -243,7 +254,7 @@ def _error_advice(here: xr.Dataset, scenario: Scenario, criterion: str, variable
                 f"(up to {say(off.max())}){rest}"
             )
         if parts:
-            statements.append(f"{criterion.capitalize()}: in {LIGHT_NAMES[light]} {'; '.join(parts)}.")
+            statements.append(f"{criterion.capitalize()}: in {ILLUMINATION_NAMES[illumination]} {'; '.join(parts)}.")
     return statements
 
 

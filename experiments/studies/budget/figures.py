@@ -14,7 +14,7 @@ from scipy import stats
 
 from experiments import chain
 from experiments.reporting.figures import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION, new_figure
-from experiments.reporting.formatting import LIGHT_NAMES, number
+from experiments.reporting.formatting import ILLUMINATION_NAMES, number
 from experiments.studies.budget.advice import exposure_windows
 from experiments.studies.budget.study import BudgetResult, exposure_label, shown_exposure
 from radiometry import link
@@ -22,26 +22,28 @@ from radiometry.geometry import FloatArray
 from radiometry.thesis import PrintedModel
 
 #: Exposures at which the thesis plots its figure 6.3 (section 6.2) [s].
-THESIS_EXPOSURE_S = {"eclipse": 1 / 30, "sun": 1e-3}
+THESIS_EXPOSURE_S = {"eclipse": 1 / 30, "sunlit": 1e-3}
 #: OpenCV's ArUco decodes from about this many pixels per bit on (`closure.Requirement`).
 OPENCV_PX_PER_BIT = 3.0
 _SIZE_IN = (4.9, 3.9)
-_LIGHT_STYLE = {"eclipse": (BLUE, "o", -1), "sun": (VERMILION, "s", 1)}
+_LIGHT_STYLE = {"eclipse": (BLUE, "o", -1), "sunlit": (VERMILION, "s", 1)}
 
 
 def snr_panels(result: BudgetResult) -> list[Figure]:
     """SNR against range, one panel an illumination: closed form, rendered, thesis."""
     sensor = result.scenario.sensor
     figures = []
-    for light in result.scenario.budget.lights:
-        figure, axes = _panel(result, f"Signal-to-noise ratio in {LIGHT_NAMES[light]}", "SNR of a bright bit [–]")
-        _lines(axes, result, light, "snr")
-        seconds = THESIS_EXPOSURE_S[light]
+    for illumination in result.scenario.budget.illuminations:
+        figure, axes = _panel(
+            result, f"Signal-to-noise ratio in {ILLUMINATION_NAMES[illumination]}", "SNR of a bright bit [–]"
+        )
+        _lines(axes, result, illumination, "snr")
+        seconds = THESIS_EXPOSURE_S[illumination]
         ranges = np.geomspace(result.dataset.range_m.values[0], result.dataset.range_m.values[-1], 100)
-        printed = PrintedModel().snr(ranges, seconds, sun=light == "sun")
+        printed = PrintedModel().snr(ranges, seconds, sun=illumination == "sunlit")
         axes.plot(ranges, printed, "--", color=BLACK, label=f"thesis, {exposure_label(seconds)}")
         # The best that any exposure can give.
-        full = link.snr(chain.usable_well(sensor), 0.0, sensor.total_noise_electrons)
+        full = link.snr(chain.usable_well_electrons(sensor), 0.0, sensor.total_noise_electrons)
         axes.axhline(float(full), color="0.45", linestyle=":", label=f"full pixel, {number(float(full))}")
         figures.append(_finish(figure))
     return _same_scale(figures)
@@ -50,9 +52,11 @@ def snr_panels(result: BudgetResult) -> list[Figure]:
 def cnr_panels(result: BudgetResult) -> list[Figure]:
     """CNR against range, one panel an illumination: closed form, rendered, limit."""
     figures = []
-    for light in result.scenario.budget.lights:
-        figure, axes = _panel(result, f"Contrast-to-noise ratio in {LIGHT_NAMES[light]}", "CNR of a bit [–]")
-        _lines(axes, result, light, "cnr")
+    for illumination in result.scenario.budget.illuminations:
+        figure, axes = _panel(
+            result, f"Contrast-to-noise ratio in {ILLUMINATION_NAMES[illumination]}", "CNR of a bit [–]"
+        )
+        _lines(axes, result, illumination, "cnr")
         _limit(axes, result.scenario.requirement.cnr_min, "needed")
         figures.append(_finish(figure))
     return _same_scale(figures)
@@ -63,10 +67,13 @@ def difference_panels(result: BudgetResult) -> list[Figure]:
     ranges = result.dataset.range_m.values
     step = float(np.diff(ranges).min()) if len(ranges) > 1 else 1.0
     figures = []
-    for light in result.scenario.budget.lights:
-        case = result.dataset.sel(light=light).isel(exposure=shown_exposure(result.scenario))
+    for illumination in result.scenario.budget.illuminations:
+        case = result.dataset.sel(illumination=illumination).isel(exposure=shown_exposure(result.scenario))
         figure, axes = _panel(
-            result, f"Rendered against closed form in {LIGHT_NAMES[light]}", "rendered / closed form − 1 [%]", log=False
+            result,
+            f"Rendered against closed form in {ILLUMINATION_NAMES[illumination]}",
+            "rendered / closed form − 1 [%]",
+            log=False,
         )
         axes.axhline(0.0, color="0.45", linewidth=0.8)
         axes.plot(
@@ -86,9 +93,9 @@ def difference_panels(result: BudgetResult) -> list[Figure]:
 def saturation_panels(result: BudgetResult) -> list[Figure]:
     """Bright bits over full well against range at every exposure, one panel an illumination."""
     figures = []
-    for light in result.scenario.budget.lights:
-        figure, axes = _panel(result, f"Saturation in {LIGHT_NAMES[light]}", "bright bit / full well [–]")
-        for case, label, style in _exposures(result, light):
+    for illumination in result.scenario.budget.illuminations:
+        figure, axes = _panel(result, f"Saturation in {ILLUMINATION_NAMES[illumination]}", "bright bit / full well [–]")
+        for case, label, style in _exposures(result, illumination):
             axes.plot(case.range_m, case.full_well_fraction, label=label, **style)
         _limit(axes, result.scenario.requirement.full_well_fraction_max, "allowed")
         figures.append(_finish(figure))
@@ -99,9 +106,9 @@ def exposure_panels(result: BudgetResult) -> list[Figure]:
     """Exposures that meet CNR, saturation and smear against range, in closed form, one panel an illumination."""
     windows = exposure_windows(result.dataset, result.scenario)
     figures = []
-    for light in result.scenario.budget.lights:
-        figure, axes = _panel(result, f"Usable exposures in {LIGHT_NAMES[light]}", "exposure [s]")
-        window, ranges = windows.sel(light=light), windows.range_m.values
+    for illumination in result.scenario.budget.illuminations:
+        figure, axes = _panel(result, f"Usable exposures in {ILLUMINATION_NAMES[illumination]}", "exposure [s]")
+        window, ranges = windows.sel(illumination=illumination), windows.range_m.values
         ceiling = np.minimum(window.saturation, window.smear).values
         axes.fill_between(
             ranges,
@@ -120,7 +127,7 @@ def exposure_panels(result: BudgetResult) -> list[Figure]:
         ):
             axes.plot(ranges, window[name], dash, color=colour, label=text, marker="." if len(ranges) == 1 else "")
         fixed = ["s", "D", "^", "v"]
-        for case, label, style in _exposures(result, light):
+        for case, label, style in _exposures(result, illumination):
             marker = "o" if style["color"] == BLUE else fixed[0]
             fixed = fixed if style["color"] == BLUE else fixed[1:] + fixed[:1]
             axes.plot(case.range_m, case.exposure_s, marker, color=BLACK, markersize=3, fillstyle="none", label=label)
@@ -148,7 +155,7 @@ def detection_panel(result: BudgetResult) -> Figure:
         low, high = detection_interval(share, trials)
         axes.errorbar(
             case.range_m + shift, 100 * share, 100 * np.array([share - low, high - share]), fmt=marker, color=colour,
-            elinewidth=0.8, label=f"{LIGHT_NAMES[str(case.light.values)]}, {trials} frames a point",
+            elinewidth=0.8, label=f"{ILLUMINATION_NAMES[str(case.illumination.values)]}, {trials} frames a point",
         )  # fmt: skip
     _limit(axes, 100 * result.scenario.requirement.detection_min, "needed", " %")
     axes.set_ylim(-3, 103)
@@ -164,7 +171,7 @@ def attitude_panel(result: BudgetResult) -> Figure:
             case.attitude_error_p95_deg,
             marker,
             color=colour,
-            label=LIGHT_NAMES[str(case.light.values)],
+            label=ILLUMINATION_NAMES[str(case.illumination.values)],
         )
     _limit(axes, result.scenario.requirement.attitude_error_max_deg, "allowed", "°")
     return _finish(figure)
@@ -219,11 +226,11 @@ def _limit(axes: Axes, value: float, word: str, unit: str = "") -> None:
     axes.axhline(value, color=ORANGE, linestyle="--", linewidth=1.6, label=f"{word}: {value:g}{unit}")
 
 
-def _exposures(result: BudgetResult, light: str) -> Iterable[tuple[xr.Dataset, str, dict[str, Any]]]:
+def _exposures(result: BudgetResult, illumination: str) -> Iterable[tuple[xr.Dataset, str, dict[str, Any]]]:
     """Each exposure's results, name and style; the shown one first, in blue."""
     shown, others = shown_exposure(result.scenario), [GREEN, PURPLE, VERMILION, "0.5"]
     for i in sorted(range(result.dataset.sizes["exposure"]), key=lambda i: i != shown):
-        case = result.dataset.sel(light=light).isel(exposure=i)
+        case = result.dataset.sel(illumination=illumination).isel(exposure=i)
         colour = BLUE if i == shown else others[(i if i < shown else i - 1) % len(others)]
         yield case, str(case.exposure.values), {"color": colour, "marker": "." if len(case.range_m) == 1 else ""}
 
@@ -232,15 +239,15 @@ def _lights(result: BudgetResult) -> Iterable[tuple[xr.Dataset, str, str, float]
     """Shown results of each illumination, with colour, marker and a small shift in range that keeps both visible."""
     ranges = result.dataset.range_m.values
     step = float(np.diff(ranges).min()) if len(ranges) > 1 else 1.0
-    for light in result.scenario.budget.lights:
-        colour, marker, side = _LIGHT_STYLE[light]
-        case = result.dataset.sel(light=light).isel(exposure=shown_exposure(result.scenario))
+    for illumination in result.scenario.budget.illuminations:
+        colour, marker, side = _LIGHT_STYLE[illumination]
+        case = result.dataset.sel(illumination=illumination).isel(exposure=shown_exposure(result.scenario))
         yield case, colour, marker, 0.12 * side * step
 
 
-def _lines(axes: Axes, result: BudgetResult, light: str, name: str) -> None:
+def _lines(axes: Axes, result: BudgetResult, illumination: str, name: str) -> None:
     """Closed form as lines, rendered frames as points with 95 % intervals, at every exposure."""
-    for case, label, style in _exposures(result, light):
+    for case, label, style in _exposures(result, illumination):
         saturated = bool(case[f"{name}_rendered"].isnull().all())
         note = " (saturated)" if saturated else ""
         axes.plot(case.range_m, case[f"{name}_analytic"], label=f"closed form, {label}{note}", **style)

@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 from experiments import chain
 from experiments.reporting import pictures
-from experiments.reporting.formatting import LIGHT_NAMES, number, percent, ranges_text, seconds_text
+from experiments.reporting.formatting import ILLUMINATION_NAMES, number, percent, ranges_text, seconds_text
 from experiments.reporting.html import (
     Block,
     Card,
@@ -76,14 +76,16 @@ def render_budget_report(result: BudgetResult, command: str = "mantis budget") -
 def _cards(result: BudgetResult, summary: Summary) -> tuple[Card, ...]:
     cards = []
     for case in summary.shown:
-        others = [c for c in summary.cases if c.light == case.light and not c.shown]
-        seconds = result.dataset.exposure_s.sel(light=case.light).isel(exposure=shown_exposure(result.scenario))
+        others = [c for c in summary.cases if c.illumination == case.illumination and not c.shown]
+        seconds = result.dataset.exposure_s.sel(illumination=case.illumination).isel(
+            exposure=shown_exposure(result.scenario)
+        )
         low, high = (seconds_text(float(s)) for s in (seconds.min(), seconds.max()))
         note = f"closes with {exposure_name(case.exposure)}" + (f", {low} to {high}" if low != high else "")
         remarks = tuple(
             f"{c.exposure} closes at {_where(c)}. {'; '.join(c.failures)}".rstrip(" .") + "." for c in others
         )
-        title = LIGHT_NAMES[case.light].capitalize()
+        title = ILLUMINATION_NAMES[case.illumination].capitalize()
         cards.append(
             Card(title, _where(case), note, case.failures, case.closes, "Other exposures of the plan", remarks)
         )
@@ -100,30 +102,30 @@ def _figures(result: BudgetResult) -> Iterator[Block]:
             tuple(figure(p, f"{name}-{i}", c) for i, (p, c) in enumerate(zip(plots, captions, strict=True))), caption
         )
 
-    lights = [LIGHT_NAMES[light] for light in result.scenario.budget.lights]
+    illuminations = [ILLUMINATION_NAMES[illumination] for illumination in result.scenario.budget.illuminations]
     yield row(
-        "snr", budget_figures.snr_panels(result), [f"SNR against range in {light}" for light in lights],
+        "snr", budget_figures.snr_panels(result), [f"SNR against range in {illumination}" for illumination in illuminations],
         "Lines are the closed form, points the rendered frames with 95 % intervals over the noise draws, where bits do not "
         "saturate. The dashed line is the thesis's formula as printed at the thesis's own exposure, for its own 5 mm bit. "
         "Where a line is marked saturated its SNR is formal only: no exposure exceeds a full pixel's SNR (dotted).",
     )  # fmt: skip
     yield row(
-        "cnr", budget_figures.cnr_panels(result), [f"CNR against range in {light}" for light in lights],
+        "cnr", budget_figures.cnr_panels(result), [f"CNR against range in {illumination}" for illumination in illuminations],
         "Contrast between a bright bit and the dark cells beside it. It falls at long range even at constant SNR, because "
         "lens and pixel blur bright bits into dark ones. The thesis has no contrast criterion.",
     )  # fmt: skip
     yield row(
         "difference", budget_figures.difference_panels(result),
-        [f"Rendered over closed form against range in {light}" for light in lights],
+        [f"Rendered over closed form against range in {illumination}" for illumination in illuminations],
         f"The expected signal, before noise, differs by at most {percent(_largest_difference(result))}; SNR and CNR scatter with "
         "the few pixels and noise draws they are taken from, as their 95 % intervals say.",
     )  # fmt: skip
     yield row(
-        "saturation", budget_figures.saturation_panels(result), [f"Saturation against range in {light}" for light in lights],
+        "saturation", budget_figures.saturation_panels(result), [f"Saturation against range in {illumination}" for illumination in illuminations],
         "Expected charge of a bright bit over the well; above one the pixel is full and its level says nothing.",
     )  # fmt: skip
     yield row(
-        "exposure", budget_figures.exposure_panels(result), [f"Usable exposures against range in {light}" for light in lights],
+        "exposure", budget_figures.exposure_panels(result), [f"Usable exposures against range in {illumination}" for illumination in illuminations],
         "Between the shortest exposure that gives the contrast and the longest that neither saturates nor smears, the "
         "closed form closes. Circles and other signs are the exposures of the plan.",
     )  # fmt: skip
@@ -161,13 +163,16 @@ def _pictures(result: BudgetResult, summary: Summary) -> Iterator[Block]:
             f"percentiles {pictures.BLACK_PERCENTILE:g} and {pictures.WHITE_PERCENTILE:g} of the crop.",
         )
     )
-    cases = {case.light: case for case in summary.shown}
+    cases = {case.illumination: case for case in summary.shown}
     columns = []
     for range_m in ranges:
         px_per_bit = float(result.dataset.px_per_bit.sel(range_m=range_m))
         shots = [s for s in result.snapshots if s.range_m == range_m]
         columns.append(
-            (f"{range_m:g} m, {number(px_per_bit)} px/bit", tuple(_picture(scenario, s, cases[s.light]) for s in shots))
+            (
+                f"{range_m:g} m, {number(px_per_bit)} px/bit",
+                tuple(_picture(scenario, s, cases[s.illumination]) for s in shots),
+            )
         )
     yield Strip("Pictures of the marker over range", tuple(columns), Markup(pictures.legend()))
 
@@ -185,12 +190,12 @@ def _picture(scenario: Scenario, shot: Snapshot, case: CaseVerdict) -> Picture:
         found = f"marker not found, identity {shot.features.identity} seen"
     failing = case.failing_at(shot.range_m)
     judged = f"fails over all draws: {', '.join(failing)}" if failing else "closes"
-    heading = f"{LIGHT_NAMES[shot.light]}, {seconds_text(shot.exposure_s)}, enlarged ×{drawn.enlarged}"
+    heading = f"{ILLUMINATION_NAMES[shot.illumination]}, {seconds_text(shot.exposure_s)}, enlarged ×{drawn.enlarged}"
     return Picture(Markup(drawn.svg), heading, (found, judged), not failing)
 
 
 _COLUMNS = (
-    "range [m]", "light", "exposure", "bright bit / full well", "closed form", "rendered ±", "thesis", "closed form",
+    "range [m]", "illumination", "exposure", "bright bit / full well", "closed form", "rendered ±", "thesis", "closed form",
     "rendered ±", "px/bit", "smear [px]", "frames found", "attitude p95 [°]", "range error p95", "what fails",
 )  # fmt: skip
 _GROUPS = (("case", 3), ("charge", 1), ("SNR", 3), ("CNR", 2), ("image", 2), ("frames", 3), ("verdict", 1))
@@ -209,8 +214,8 @@ def _tables(result: BudgetResult, summary: Summary) -> Iterator[Block]:
     for i in sorted(range(result.dataset.sizes["exposure"]), key=lambda i: i != shown):
         label = str(result.dataset.exposure.values[i])
         rows = tuple(
-            _row(result.dataset.sel(range_m=r, light=light).isel(exposure=i), label, summary)
-            for light in result.scenario.budget.lights
+            _row(result.dataset.sel(range_m=r, illumination=illumination).isel(exposure=i), label, summary)
+            for illumination in result.scenario.budget.illuminations
             for r in result.scenario.budget.ranges_m
         )
         table = Table(_COLUMNS, rows, f"Every range with {exposure_name(label)}", _GROUPS, sortable=True)
@@ -223,7 +228,7 @@ def _small(value: float) -> str:
 
 
 def _row(here: xr.Dataset, label: str, summary: Summary) -> tuple[Cell, ...]:
-    light = str(here.light.values)
+    illumination = str(here.illumination.values)
     margin = {str(c): float(m) for c, m in zip(here.criterion.values, here.margin.values, strict=True)}
 
     def cell(variable: str, criterion: str | None = None, say: Callable[[float], str] = number) -> Cell:
@@ -234,11 +239,11 @@ def _row(here: xr.Dataset, label: str, summary: Summary) -> tuple[Cell, ...]:
         value, half = float(here[f"{name}_rendered"]), float(here[f"{name}_rendered_ci95"])
         return Cell("–" if np.isnan(value) else f"{number(value)} ± {half:.2g}", value)
 
-    case = next(c for c in summary.cases if c.light == light and c.exposure == label)
+    case = next(c for c in summary.cases if c.illumination == illumination and c.exposure == label)
     failing = case.failing_at(float(here.range_m))
     return (
         Cell(f"{float(here.range_m):g}", float(here.range_m)),
-        Cell(LIGHT_NAMES[light]),
+        Cell(ILLUMINATION_NAMES[illumination]),
         cell("exposure_s", say=seconds_text),
         cell("full_well_fraction", "saturation"),
         cell("snr_analytic"),
@@ -283,7 +288,7 @@ def _matrices(result: BudgetResult, summary: Summary) -> Iterator[Block]:
     )
     ranges = result.scenario.budget.ranges_m
     for case in summary.cases:
-        here = result.dataset.sel(light=case.light).isel(exposure=_index(result, case))
+        here = result.dataset.sel(illumination=case.illumination).isel(exposure=_index(result, case))
         rows = []
         for name, measure in MEASURES.items():
             margins = here.margin.sel(criterion=name).values
@@ -293,7 +298,7 @@ def _matrices(result: BudgetResult, summary: Summary) -> Iterator[Block]:
         rows.append((Cell("closes"), *(Cell("", None, r in case.closing_m) for r in ranges)))
         table = Table(
             ("range [m]", *(f"{r:g}" for r in ranges)), tuple(rows),
-            f"{LIGHT_NAMES[case.light].capitalize()}, {exposure_name(case.exposure)}", compact=True,
+            f"{ILLUMINATION_NAMES[case.illumination].capitalize()}, {exposure_name(case.exposure)}", compact=True,
         )  # fmt: skip
         yield table if case.shown else Details(table.caption, (table,))
 

@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from detector.detect import Features
+from detector.features import Features
 from experiments import chain
 from experiments.chain.executor import pool
 from experiments.chain.trials import VARIABLES, Progress, Trials, draw, known_values
@@ -30,7 +30,7 @@ class Snapshot:
     """What the camera saw at one range in one illumination, first noise draw of the shown exposure."""
 
     range_m: float
-    light: str
+    illumination: str
     exposure_s: float
     frame: NDArray[np.uint16]
     features: Features
@@ -73,8 +73,8 @@ def run_budget(
     if "auto" in plan.exposures_s:
         # Refused before anything is rendered: the bits leave the frame at the nearest range first.
         nearest = scenario.at(range_m=plan.ranges_m[0])
-        chain.exposure_s(nearest, chain.link_budget(nearest, plan.lights[0]), "auto")
-    steps = [(r, light) for r in plan.ranges_m for light in plan.lights]
+        chain.solve_exposure(nearest, chain.link_budget(nearest, plan.illuminations[0]), "auto")
+    steps = [(r, illumination) for r in plan.ranges_m for illumination in plan.illuminations]
     pending: list[tuple[Future[list[Trials]], dict[str, list[float]]]] = []
     with pool(draw, workers) as submit:
         for range_m in plan.ranges_m:
@@ -82,12 +82,12 @@ def run_budget(
             basis = chain.transport(here)
             if out_dir is not None:
                 exr.write_basis(basis, out_dir / "transport" / f"range_{range_m:06.2f}m.exr")
-            for light in plan.lights:
-                rate = chain.electron_rate(here, basis, light)
-                budget = chain.link_budget_beside(here, light, rate)
-                seconds = [chain.exposure_s(here, budget, e) for e in plan.exposures_s]
-                known = known_values(here, light, budget, rate, seconds)
-                pending.append((submit(here, rate, light, seconds), known))
+            for illumination in plan.illuminations:
+                rate = chain.electron_rate(here, basis, illumination)
+                budget = chain.link_budget_beside(here, illumination, rate)
+                seconds = [chain.solve_exposure(here, budget, e) for e in plan.exposures_s]
+                known = known_values(here, illumination, budget, rate, seconds)
+                pending.append((submit(here, rate, illumination, seconds), known))
                 if progress:
                     progress(sum(f.done() for f, _ in pending), len(steps), f"rendered {range_m:g} m")
         cases = []
@@ -98,14 +98,14 @@ def run_budget(
     dataset = _dataset(scenario, cases, [known for _, known in pending])
     shown = shown_exposure(scenario)
     snapshots = [
-        Snapshot(range_m, light, float(known["exposure_s"][shown]), case[shown].frame, case[shown].features)
-        for (range_m, light), case, (_, known) in zip(steps, cases, pending, strict=True)
+        Snapshot(range_m, illumination, float(known["exposure_s"][shown]), case[shown].frame, case[shown].features)
+        for (range_m, illumination), case, (_, known) in zip(steps, cases, pending, strict=True)
     ]
     if out_dir is not None:
         from experiments.reporting.files import write_netcdf, write_png
 
         for s in snapshots:
-            write_png(s.frame, out_dir / "frames" / f"range_{s.range_m:06.2f}m_{s.light}.png")
+            write_png(s.frame, out_dir / "frames" / f"range_{s.range_m:06.2f}m_{s.illumination}.png")
         write_netcdf(dataset, out_dir / "results.nc")
     return BudgetResult(scenario, dataset, snapshots)
 
@@ -139,8 +139,8 @@ def exposure_labels(exposures: Sequence[float | str]) -> list[str]:
 
 def _dataset(scenario: Scenario, cases: list[list[Trials]], known: list[dict[str, list[float]]]) -> xr.Dataset:
     plan = scenario.budget
-    shape = (len(plan.ranges_m), len(plan.lights), len(plan.exposures_s))
-    dims = ("range_m", "light", "exposure")
+    shape = (len(plan.ranges_m), len(plan.illuminations), len(plan.exposures_s))
+    dims = ("range_m", "illumination", "exposure")
     data: dict[str, tuple[tuple[str, ...], np.ndarray, dict[str, str]]] = {}
     for name, (unit, long_name) in VARIABLES.items():
         values = [
@@ -166,7 +166,7 @@ def _dataset(scenario: Scenario, cases: list[list[Trials]], known: list[dict[str
         data,
         coords={
             "range_m": ("range_m", np.array(plan.ranges_m), {"units": "m", "long_name": "range"}),
-            "light": ("light", list(plan.lights), {"long_name": "illumination"}),
+            "illumination": ("illumination", list(plan.illuminations), {"long_name": "illumination"}),
             "exposure": ("exposure", exposure_labels(plan.exposures_s), {"long_name": "exposure"}),
             "trial": ("trial", np.arange(plan.trials), {"long_name": "noise draw"}),
         },

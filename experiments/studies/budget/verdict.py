@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from experiments.reporting.formatting import LIGHT_NAMES, factor, listed, number, percent, ranges_text
+from experiments.reporting.formatting import ILLUMINATION_NAMES, factor, listed, number, percent, ranges_text
 from experiments.scenario import Scenario
 from experiments.studies.budget.advice import advise
 from experiments.studies.budget.study import shown_exposure
@@ -71,7 +71,7 @@ class CaseVerdict:
         failures: a line for each failing criterion: at which ranges, and the worst of them.
     """
 
-    light: str
+    illumination: str
     exposure: str
     shown: bool
     ranges_m: tuple[float, ...]
@@ -132,8 +132,8 @@ def summarise(dataset: xr.Dataset, scenario: Scenario) -> Summary:
     shown = shown_exposure(scenario)
     exposures = sorted(range(dataset.sizes["exposure"]), key=lambda i: i != shown)
     cases = tuple(
-        _case(dataset.sel(light=light).isel(exposure=i), scenario, i == shown)
-        for light in scenario.budget.lights
+        _case(dataset.sel(illumination=illumination).isel(exposure=i), scenario, i == shown)
+        for illumination in scenario.budget.illuminations
         for i in exposures
     )
     return Summary(
@@ -150,7 +150,7 @@ def exposure_name(label: str) -> str:
 
 
 def _case(here: xr.Dataset, scenario: Scenario, shown: bool) -> CaseVerdict:
-    light, label = str(here.light.values), str(here.exposure.values)
+    illumination, label = str(here.illumination.values), str(here.exposure.values)
     ranges = tuple(float(r) for r in here.range_m.values)
     closing = tuple(r for r, ok in zip(ranges, here.closes.values, strict=True) if ok)
     shortfalls = []
@@ -166,8 +166,8 @@ def _case(here: xr.Dataset, scenario: Scenario, shown: bool) -> CaseVerdict:
         failing = [name for name in failing if name in EXPOSURE_CRITERIA]  # the frames follow from them
     where = "every range" if len(closing) == len(ranges) else ranges_text(ranges, closing)
     return CaseVerdict(
-        light, label, shown, ranges, closing, tuple(shortfalls),
-        f"{LIGHT_NAMES[light].capitalize()}, {exposure_name(label)}: closes at {where}.",
+        illumination, label, shown, ranges, closing, tuple(shortfalls),
+        f"{ILLUMINATION_NAMES[illumination].capitalize()}, {exposure_name(label)}: closes at {where}.",
         tuple(_failure_text(ranges, [s for s in shortfalls if s.criterion == name]) for name in failing),
     )  # fmt: skip
 
@@ -201,13 +201,13 @@ def _headline(shown: list[CaseVerdict]) -> str:
     ranges = shown[0].ranges_m
     span = f"at {ranges[0]:g} m" if len(ranges) == 1 else f"over {ranges[0]:g}–{ranges[-1]:g} m"
     exposure = "auto exposure" if shown[0].exposure == "auto" else f"an exposure of {shown[0].exposure}"
-    everywhere = listed([LIGHT_NAMES[case.light] for case in shown])
+    everywhere = listed([ILLUMINATION_NAMES[case.illumination] for case in shown])
     if all(case.closes for case in shown):
         return f"The budget closes {span} in {everywhere}, with {exposure}."
     where = [ranges_text(ranges, case.closing_m) for case in shown]
     if len(set(where)) == 1:
         places = f"{where[0]} in {everywhere}"
     else:
-        places = listed([f"{w} in {LIGHT_NAMES[c.light]}" for w, c in zip(where, shown, strict=True)])
+        places = listed([f"{w} in {ILLUMINATION_NAMES[c.illumination]}" for w, c in zip(where, shown, strict=True)])
     names = [m.name for key, m in MEASURES.items() if any(s.criterion == key for c in shown for s in c.shortfalls)]
     return f"The budget does not close {span}. With {exposure} it closes at {places}; what fails: {listed(names)}."

@@ -12,7 +12,7 @@ from experiments import chain
 from experiments.chain import trials
 from experiments.chain.executor import pool
 from experiments.chain.trials import Progress, Trials
-from experiments.reporting.formatting import LIGHT_NAMES, listed
+from experiments.reporting.formatting import ILLUMINATION_NAMES, listed
 from experiments.scenario import Scenario
 from experiments.studies.close.constraints import ConfirmView, Constraints
 from experiments.studies.close.search import Point
@@ -49,17 +49,17 @@ def confirm(
             here = _case_scenario(
                 point.scenario(base, constraints, constraints.end_of_life), view, range_m, constraints
             )
-            for light in chain.LIGHTS_ON:
-                lit, budget, seconds = rung(here, light, constraints)
+            for illumination in chain.SOURCES:
+                lit, budget, seconds = rung(here, illumination, constraints)
                 quality = chain.quality(lit)
                 basis = store.basis(chain.view(lit), quality)
-                rate = chain.electron_rate(lit, basis, light)
-                known = trials.known_values(lit, light, budget, rate, [seconds])
+                rate = chain.electron_rate(lit, basis, illumination)
+                known = trials.known_values(lit, illumination, budget, rate, [seconds])
                 record = {
                     "set": point.label, "pitch_deg": view.pitch_deg, "yaw_deg": view.yaw_deg, "phase_deg": view.phase_deg,
-                    "range_m": range_m, "light": light, "leds": lit.leds.count, "px_per_bit": budget.px_per_bit,
+                    "range_m": range_m, "illumination": illumination, "leds": lit.leds.count, "px_per_bit": budget.px_per_bit,
                 }  # fmt: skip
-                cases.append((record, submit(lit, rate, light, [seconds]), known))
+                cases.append((record, submit(lit, rate, illumination, [seconds]), known))
             if progress:
                 progress(done, len(steps), f"rendered {range_m:g} m")
         return [
@@ -78,16 +78,18 @@ def _case_scenario(scenario: Scenario, view: ConfirmView, range_m: float, constr
     )
 
 
-def rung(scenario: Scenario, light: str, constraints: Constraints) -> tuple[Scenario, chain.LinkBudget, float]:
+def rung(scenario: Scenario, illumination: str, constraints: Constraints) -> tuple[Scenario, chain.LinkBudget, float]:
     """The scenario with as many of its LEDs on as the shortest pulse allows, its closed form, and its exposure [s]."""
-    auto, budget = scenario.auto_exposure, chain.link_budget(scenario, light)
-    wanted = auto.full_well_fraction * chain.usable_well(scenario.sensor) / auto.shortest_s
+    auto, budget = scenario.auto_exposure, chain.link_budget(scenario, illumination)
+    wanted = auto.full_well_fraction * chain.usable_well_electrons(scenario.sensor) / auto.shortest_s
     if budget.signal_rate > wanted and scenario.leds.count > 1:
-        sun = budget.signal_rate - chain.link_budget(scenario, "eclipse").signal_rate if light == "sun" else 0.0
+        sun = (
+            budget.signal_rate - chain.link_budget(scenario, "eclipse").signal_rate if illumination == "sunlit" else 0.0
+        )
         most = max(1, int((wanted - sun) / ((budget.signal_rate - sun) / scenario.leds.count)))
         scenario = scenario.at(leds={**scenario.leds.model_dump(), "count": most})
-        budget = chain.link_budget(scenario, light)
-    seconds = chain.exposure_s(scenario, budget, "auto")
+        budget = chain.link_budget(scenario, illumination)
+    seconds = chain.solve_exposure(scenario, budget, "auto")
     return scenario, budget, min(seconds, 1 / constraints.frame_rate_hz(scenario))
 
 
@@ -164,7 +166,7 @@ def summarise(records: list[dict[str, Any]]) -> list[Confirmed]:
 def _case_text(record: dict[str, Any]) -> str:
     """'attitude and range at 2 m in sunlight, pitch 20°, yaw 0°, Sun at 10°'."""
     where = f"pitch {record['pitch_deg']:g}°, yaw {record['yaw_deg']:g}°, Sun at {record['phase_deg']:g}°"
-    return f"{listed(record['fails'].split())} at {record['range_m']:g} m in {LIGHT_NAMES[record['light']]}, {where}"
+    return f"{listed(record['fails'].split())} at {record['range_m']:g} m in {ILLUMINATION_NAMES[record['illumination']]}, {where}"
 
 
 def _worst(records: list[dict[str, Any]], key: str, of: Any) -> float:

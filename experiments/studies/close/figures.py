@@ -102,13 +102,13 @@ def ladder_figure(study: Study) -> Figure:
     figure, grid = new_figure(size_in=_SIZE_IN)
     axes: Axes = grid[0, 0]
     styles = {
-        ("eclipse", "worn"): (BLUE, "o", "-"), ("sun", "worn"): (VERMILION, "s", "-"),
-        ("eclipse", "new"): (BLUE, "^", "--"), ("sun", "new"): (VERMILION, "D", "--"),
+        ("eclipse", "worn"): (BLUE, "o", "-"), ("sunlit", "worn"): (VERMILION, "s", "-"),
+        ("eclipse", "new"): (BLUE, "^", "--"), ("sunlit", "new"): (VERMILION, "D", "--"),
     }  # fmt: skip
-    for (light, life), (colour, marker, dash) in styles.items():
-        rungs = [r for r in study.rungs if (r.light, r.life) == (light, life)]
+    for (illumination, life), (colour, marker, dash) in styles.items():
+        rungs = [r for r in study.rungs if (r.illumination, r.life) == (illumination, life)]
         if rungs:
-            name = "eclipse" if light == "eclipse" else "brightest Sun"
+            name = "eclipse" if illumination == "eclipse" else "brightest Sun"
             axes.plot(
                 [r.range_m for r in rungs], [1e6 * r.pulse_s for r in rungs], color=colour, marker=marker, linestyle=dash,
                 label=f"{name}, {_LIFE[life]}",
@@ -192,17 +192,19 @@ def confirmation(study: Study, records: list[dict[str, Any]]) -> Figure:
     ):
         for i, view in enumerate(study.constraints.confirm.views):
             where = (view.pitch_deg, view.yaw_deg, view.phase_deg)
-            for light, fill in (("eclipse", "full"), ("sun", "none")):
+            for illumination, fill in (("eclipse", "full"), ("sunlit", "none")):
                 here = [
-                    r for r in mine if r["light"] == light and (r["pitch_deg"], r["yaw_deg"], r["phase_deg"]) == where
+                    r
+                    for r in mine
+                    if r["illumination"] == illumination and (r["pitch_deg"], r["yaw_deg"], r["phase_deg"]) == where
                 ]
                 axes.plot(
                     [r["range_m"] for r in here], [r[key] for r in here], linestyle="", marker=MARKERS[i],
                     color=(BLUE, GREEN, PURPLE)[i % 3], fillstyle=fill,
-                    label=f"{view.label if light == 'sun' else view.label.rsplit(',', 1)[0]}, {light}",
+                    label=f"{view.label if illumination == 'sunlit' else view.label.rsplit(',', 1)[0]}, {illumination}",
                 )  # fmt: skip
         if key == "cnr_rendered":
-            frontal = [r for r in mine if (r["pitch_deg"], r["yaw_deg"], r["light"]) == (0, 0, "eclipse")]
+            frontal = [r for r in mine if (r["pitch_deg"], r["yaw_deg"], r["illumination"]) == (0, 0, "eclipse")]
             axes.plot(
                 [r["range_m"] for r in frontal], [r["cnr_analytic"] for r in frontal], color=BLACK, label="closed form"
             )

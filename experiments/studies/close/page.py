@@ -80,8 +80,8 @@ def ladder_rows(study: Study, ranges_m: tuple[float, ...] | None = None) -> Rows
     for range_m in study.form.ranges_m:
         if ranges_m is not None and range_m not in ranges_m:
             continue
-        here = {(r.life, r.light): r for r in study.rungs if r.range_m == range_m}
-        cells = [here[(life, light)] for life in (worn, "new") for light in ("eclipse", "sun")]
+        here = {(r.life, r.illumination): r for r in study.rungs if r.range_m == range_m}
+        cells = [here[(life, illumination)] for life in (worn, "new") for illumination in ("eclipse", "sunlit")]
         counts = sorted({r.leds for r in cells})
         leds = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]}–{counts[-1]}"
         pulses = [seconds_text(r.pulse_s) for r in cells]
@@ -241,12 +241,12 @@ def tape_name(material: str) -> str:
 
 
 def _ladder_facts(study: Study) -> dict[str, Any]:
-    lead, rungs = study.lead, {(r.life, r.light, r.range_m): r for r in study.rungs}
+    lead, rungs = study.lead, {(r.life, r.illumination, r.range_m): r for r in study.rungs}
     assert lead is not None
     worn = _worn(study)
     ranges = study.constraints.ranges_m
     brighter = max(rungs[(worn, "eclipse", r)].energy_j / rungs[("new", "eclipse", r)].energy_j for r in ranges)
-    sun = max(rungs[(s, "eclipse", r)].pulse_s / rungs[(s, "sun", r)].pulse_s for r in ranges for s in ("new", worn))
+    sun = max(rungs[(s, "eclipse", r)].pulse_s / rungs[(s, "sunlit", r)].pulse_s for r in ranges for s in ("new", worn))
     pulses = [r.pulse_s for r in study.rungs]
     fewer = [r for r in ranges if any(x.leds < lead.led_count for x in study.rungs if x.range_m == r)]
     bright = int(np.argmax(study.form.sun_tape.sum(axis=0)[study.form.tapes.index(lead.tape)]))

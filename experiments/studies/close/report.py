@@ -33,7 +33,7 @@ from experiments.studies.close.search import CRITERIA_TEXT
 from experiments.studies.close.study import Study
 
 #: Columns of a confirmation's records that hold text; all others are numbers.
-_TEXT_COLUMNS = ("set", "light", "fails")
+_TEXT_COLUMNS = ("set", "illumination", "fails")
 
 
 def write(study: Study, records: list[dict[str, Any]], out_dir: Path, command: str = "mantis close") -> None:
@@ -62,7 +62,7 @@ def tables(study: Study, records: list[dict[str, Any]]) -> dict[str, str]:
         for key, value in row.items():
             sets.setdefault(key, []).append(value)
     ladder: dict[str, list[object]] = {
-        "range_m": [r.range_m for r in study.rungs], "light": [r.light for r in study.rungs],
+        "range_m": [r.range_m for r in study.rungs], "illumination": [r.illumination for r in study.rungs],
         "life": [r.life for r in study.rungs], "leds": [r.leds for r in study.rungs],
         "pulse_s": [f"{r.pulse_s:.6g}" for r in study.rungs], "energy_j": [f"{r.energy_j:.6g}" for r in study.rungs],
     }  # fmt: skip

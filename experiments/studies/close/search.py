@@ -75,7 +75,7 @@ def fly(form: ClosedForm, sets: Sets, constraints: Constraints, ladder: Ladder |
     """
     scenario = form.scenario
     sensor, auto, rates = scenario.sensor, scenario.auto_exposure, form.rates(sets)
-    well = (chain.usable_well(sensor) * sets.factor("full_well"))[:, None, None]
+    well = (chain.usable_well_electrons(sensor) * sets.factor("full_well"))[:, None, None]
     if ladder is None:
         wanted, dark = auto.full_well_fraction * well, sensor.dark_rate_electrons_per_s
         most = np.floor((wanted / auto.shortest_s - rates.sun_signal - dark) / rates.led_signal)
@@ -105,7 +105,7 @@ def margins(form: ClosedForm, sets: Sets, constraints: Constraints, flight: Flig
     energy = np.maximum(flight.energy_j, 1e-30)
     geometry = geometry_margins(form, sets, constraints)
     with np.errstate(divide="ignore"):
-        light = {
+        illumination = {
             "saturation": requirement.full_well_fraction_max / flight.full_well_fraction,
             "cnr": flight.cnr / requirement.cnr_min,
             "smear": requirement.smear_px_max / flight.smear_px,
@@ -114,7 +114,7 @@ def margins(form: ClosedForm, sets: Sets, constraints: Constraints, flight: Flig
             "energy": c.energy_per_frame_j / energy,
             "power": c.average_power_w / (energy * c.frame_rate_hz(form.scenario)),
         }
-    merged = light | {name: value[:, None, :] for name, value in geometry.items()}
+    merged = illumination | {name: value[:, None, :] for name, value in geometry.items()}
     return {name: merged[name] for name in CRITERIA_TEXT}
 
 

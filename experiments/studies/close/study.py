@@ -34,7 +34,7 @@ class Rung:
     """
 
     range_m: float
-    light: str
+    illumination: str
     life: str
     leds: int
     pulse_s: float
@@ -169,9 +169,11 @@ def _rungs(states: dict[str, ClosedForm], lead: Point, constraints: Constraints)
     for life, form in states.items():
         flown = fly(form, sets_of(form, lead), constraints)
         brightest = int(np.argmin(flown.pulse_s[0, 1:].sum(axis=1) * flown.leds[0, 1:].sum(axis=1))) + 1
-        for (light, k), (r, range_m) in product((("eclipse", 0), ("sun", brightest)), enumerate(form.ranges_m)):
+        for (illumination, k), (r, range_m) in product(
+            (("eclipse", 0), ("sunlit", brightest)), enumerate(form.ranges_m)
+        ):
             leds, pulse, energy = (float(a[0, k, r]) for a in (flown.leds, flown.pulse_s, flown.energy_j))
-            result.append(Rung(float(range_m), light, life, int(leds), pulse, energy))
+            result.append(Rung(float(range_m), illumination, life, int(leds), pulse, energy))
     return tuple(result)
 
 

@@ -9,9 +9,10 @@ import numpy as np
 import xarray as xr
 from scipy.spatial.transform import Rotation
 
-from detector.detect import detect_features
+from detector.features import find_features
 from detector.pose.bounds import blob_bound, corner_bound, pose_bound
 from detector.pose.pose import solve_pose
+from detector.sensor.noise import noise_of
 from detector.sensor.sensor import expose
 from experiments import chain
 from experiments.chain.executor import pool
@@ -85,8 +86,8 @@ def _look(
     scenario: Scenario, truth: Truth, frame: FloatArray, shift: tuple[float, float], out: dict[str, FloatArray]
 ) -> None:
     camera, marker = truth.view.camera, scenario.marker
-    noise, ring_m = chain.noise_model(scenario, frame), scenario.leds.ring_radius_m
-    features = detect_features(frame, marker, camera, noise, light_ring_m=ring_m)
+    noise, ring_m = noise_of(scenario.sensor, frame), scenario.leds.ring_radius_m
+    features = find_features(frame, marker, camera, noise, light_ring_m=ring_m)
     if features.corners_px is None or features.joint_covariance_px2 is None:
         return
     out["corners"][:] = (features.corners_px - truth.corners_px - shift).ravel()
@@ -165,10 +166,10 @@ def summarise(case: Case, errors: Errors, bounds: dict[str, FloatArray]) -> dict
     }
 
 
-def bounds_of(case: Case, light: str) -> dict[str, FloatArray]:
+def bounds_of(case: Case, illumination: str) -> dict[str, FloatArray]:
     """Standard deviations at the bound: corners (8,) [px], blobs (4,) along their elements [px], pose (6,) [rad, m]."""
     marker, truth, shift = case.scenario.marker, case.truth, BOUND_SHIFT_PX
-    before, after, step = case.beside(light)
+    before, after, step = case.beside(illumination)
     corners = corner_bound(case.fine, marker, truth.corners_px, case.exposure, shift)
     blobs = [
         blob_bound(case.fine, before, after, step, marker, e, truth.corners_px, case.exposure, shift)
@@ -176,7 +177,7 @@ def bounds_of(case: Case, light: str) -> dict[str, FloatArray]:
         for e in marker.elements
     ]
     pose = pose_bound(
-        case.fine, case.orbit(light), marker, truth.view.camera, truth.view.translation_m, truth.corners_px,
+        case.fine, case.orbit(illumination), marker, truth.view.camera, truth.view.translation_m, truth.corners_px,
         case.exposure, shift,
     )  # fmt: skip
     return {"corners": np.sqrt(np.diag(corners)), "blobs": np.array(blobs), "pose": np.sqrt(np.diag(pose))}
@@ -187,7 +188,7 @@ def study(
     workers: int | None = None, progress: Progress | None = None,
 ) -> xr.Dataset:  # fmt: skip
     """Bounds, scatter and bias over range and pitch, in eclipse; each geometry at some sub-pixel positions and noise draws."""
-    light = "eclipse"
+    illumination = "eclipse"
     grid = [(r, p) for r in ranges_m for p in pitches_deg]
     places = np.random.default_rng(scenario.seed).uniform(-0.5, 0.5, (shifts, 2))
     rows = []
@@ -197,11 +198,11 @@ def study(
             if progress is not None:
                 progress(k, len(grid), f"{range_m:g} m, {pitch:g}°")
             target = {**scenario.target.model_dump(), "pitch_deg": pitch}
-            case = Case.of(scenario.at(range_m=range_m, target=target, light=light), light)
+            case = Case.of(scenario.at(range_m=range_m, target=target, illumination=illumination), illumination)
             images = np.array([case.fine.image(tuple(s)) for s in places])
             seed = scenario.seed + k
             job = submit(case.scenario, case.truth, images, places, case.exposure.seconds, draws, seed)
-            waiting.append((case, job, bounds_of(case, light)))
+            waiting.append((case, job, bounds_of(case, illumination)))
         rows = [summarise(case, job.result(), bounds) for case, job, bounds in waiting]
     return _dataset(grid, rows)
 

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from detector.detect import detect_features
+from detector.features import find_features
 from detector.sensor.sensor import expose
 from experiments import chain
 from experiments.chain.executor import pool
@@ -52,7 +52,7 @@ def false_markers(batch: Batch) -> tuple[int, int]:
         level = np.exp(rng.uniform(*np.log(LEVELS))) * sensor.full_well_electrons
         frame = expose(sensor, rate * (level / max(float(np.median(rate)), 1e-3 * float(rate.max()))), 1.0, rng).dn
         noise, ring_m = chain.noise_model(batch.scenario, frame), batch.scenario.leds.ring_radius_m
-        found = detect_features(frame, marker, camera, noise, ring_m)
+        found = find_features(frame, marker, camera, noise, ring_m)
         own += found.detected
         other += not found.detected and found.identity is not None
     return own, other
@@ -143,7 +143,7 @@ def _foil(scenario: Scenario, rng: np.random.Generator) -> FloatArray:
     marker = {**MarkerDesign().model_dump(), "size_m": NO_MARKER_M}
     render = {**scenario.render.model_dump(), "marker_rays": 10_000, "frame_samples": 2}
     bare = scenario.at(range_m=range_m, target=target, sun=sun, marker=marker, render=render)
-    return chain.electron_rate(bare, chain.transport(bare), "sun").astype(np.float32)
+    return chain.electron_rate(bare, chain.transport(bare), "sunlit").astype(np.float32)
 
 
 def _turned(rate: FloatArray, rng: np.random.Generator) -> FloatArray:

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import betaincinv
 
-from detector.detect import detect_features
+from detector.features import find_features
+from detector.sensor.noise import noise_of
 from detector.sensor.sensor import expose
 from experiments import chain
 from experiments.chain.executor import pool
@@ -49,8 +50,8 @@ Finder = Callable[[NDArray[np.uint16], Scenario, Camera], FloatArray | None]
 
 def ours(frame: NDArray[np.uint16], scenario: Scenario, camera: Camera) -> FloatArray | None:
     """The detector of this project."""
-    noise, ring_m = chain.noise_model(scenario, frame), scenario.leds.ring_radius_m
-    found = detect_features(frame, scenario.marker, camera, noise, ring_m)
+    noise, ring_m = noise_of(scenario.sensor, frame), scenario.leds.ring_radius_m
+    found = find_features(frame, scenario.marker, camera, noise, ring_m)
     return None if found.corners_px is None else found.corners_px.mean(axis=0)
 
 
@@ -151,7 +152,7 @@ def settings_of(
         {**scenario.marker.model_dump(), "dictionary": FAMILIES[family], "identity": 0}
     )
     range_m = min(scenario.camera.focal_px) * marker.bit_m / px_per_bit
-    at = scenario.at(range_m=range_m, marker=marker.model_dump(), light="eclipse")
+    at = scenario.at(range_m=range_m, marker=marker.model_dump(), illumination="eclipse")
     turned = []
     for attitude in attitudes_deg:
         angles = dict(zip(("pitch_deg", "yaw_deg", "roll_deg"), map(float, attitude), strict=True))
@@ -159,7 +160,7 @@ def settings_of(
     settings = []
     for k, (near, fine) in enumerate(zip(turned, fine_frames(turned, "eclipse"), strict=True)):
         budget = chain.link_budget(near, "eclipse")
-        seconds = tuple(exposure_for(budget, c) for c in cnr) if cnr else (chain.exposure_s(near, budget, "auto"),)
+        seconds = tuple(exposure_for(budget, c) for c in cnr) if cnr else (chain.solve_exposure(near, budget, "auto"),)
         images = np.array([fine.image(tuple(s)) for s in shifts[k]])
         settings.append(Setting(family, near, Truth(chain.view(near)), images, shifts[k], seconds, draws, seed + k))
     return settings

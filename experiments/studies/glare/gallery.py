@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from detector.detect import Features
+from detector.features import Features
 from experiments.scenario import Scenario
 from experiments.studies.glare.geometry import at_sun, cropped, render
 from experiments.studies.glare.study import Plan, Truth, frames

@@ -13,10 +13,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from detector.detect import Features, detect_features
+from detector.features import Features, find_features
 from detector.sensor.noise import NoiseModel
 from detector.sensor.sensor import expose
-from experiments.chain import usable_well
+from experiments.chain import usable_well_electrons
 from experiments.scenario import Scenario
 from experiments.scenario.presets import presets
 from experiments.studies.glare.fusion import difference, fused
@@ -110,7 +110,7 @@ def pulse_s(scenario: Scenario, mode: Mode, led_bits: float, sun_bits: float) ->
     """
     auto = scenario.auto_exposure
     rate = led_bits + (sun_bits if mode.shutter_s is None else 0.0)
-    seconds = auto.full_well_fraction * usable_well(scenario.sensor) / max(rate, 1e-9)
+    seconds = auto.full_well_fraction * usable_well_electrons(scenario.sensor) / max(rate, 1e-9)
     return float(np.clip(seconds, auto.shortest_s, auto.longest_s if mode.shutter_s is None else mode.shutter_s))
 
 
@@ -153,7 +153,7 @@ def features_of(scenario: Scenario, mode: Mode, shown: Exposed) -> Features:
         sensor = scenario.sensor
         return baseline_features(to_eight_bits(shown.image, sensor.offset_dn, sensor.saturation_dn), scenario.marker)
     ring_m = scenario.leds.ring_radius_m
-    return detect_features(shown.image, scenario.marker, scenario.camera, shown.noise, ring_m)
+    return find_features(shown.image, scenario.marker, scenario.camera, shown.noise, ring_m)
 
 
 def chaser_shadow(view: View, radius_m: float) -> FloatArray:

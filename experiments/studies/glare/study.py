@@ -15,7 +15,7 @@ from itertools import product
 import numpy as np
 import xarray as xr
 
-from detector.detect import Features
+from detector.features import Features
 from detector.pose.pose import solve_pose
 from experiments import chain
 from experiments.chain.executor import pool
@@ -145,7 +145,7 @@ def expected_cnr(
     A difference has the LEDs' contrast alone, and as noise the Sun's and the reading of both frames, the second times
     `off_scale`. A ladder is read from its longest exposure that the bright bit does not fill.
     """
-    shutter, well = pulse if mode.shutter_s is None else mode.shutter_s, chain.usable_well(scenario.sensor)
+    shutter, well = pulse if mode.shutter_s is None else mode.shutter_s, chain.usable_well_electrons(scenario.sensor)
     rungs = [s / pulse for s in rung_exposures_s(scenario, mode, pulse)] if len(mode.rungs) > 1 else [1.0]
     fitting = [rung for rung in rungs if rung * (led[0] * pulse + sun[0] * shutter) <= well]
     if not fitting:

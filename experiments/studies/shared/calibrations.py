@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from detector.calibration.camera import CameraCalibration, calibrate_camera, chessboard_corners
 from detector.calibration.elements import ElementCalibration, KnownPose, calibrate_elements
-from detector.detect import Features
+from detector.features import Features
 from detector.sensor.sensor import expose
 from experiments import chain
 from experiments.scenario import Scenario
@@ -75,7 +75,7 @@ def elements_from_images(
 
 def _features(images: Sequence[NDArray[Any]], scenario: Scenario, marker: MarkerDesign) -> list[Features]:
     seen = scenario.at(marker=marker.model_dump())
-    return [chain.look(seen, image).features for image in images]
+    return [chain.detect(seen, image).features for image in images]
 
 
 def _in_phase(images: Sequence[NDArray[Any]], scenario: Scenario) -> MarkerDesign:
@@ -143,10 +143,10 @@ def rendered_views(
             "yaw_deg": yaw,
             "roll_deg": rng.uniform(-1, 1) * ROLL_DEG,
         }
-        seen = near.at(marker=marker.model_dump(), target=target, light="eclipse")
+        seen = near.at(marker=marker.model_dump(), target=target, illumination="eclipse")
         rate = chain.electron_rate(seen, chain.transport(seen), "eclipse")
-        seconds = chain.exposure_s(seen, chain.link_budget(seen, "eclipse"), seen.exposure_s)
-        images.append(chain.take_frame(seen, rate, "eclipse", seconds, trial).dn)
+        seconds = chain.solve_exposure(seen, chain.link_budget(seen, "eclipse"), seen.exposure_s)
+        images.append(chain.expose(seen, rate, "eclipse", seconds, trial).dn)
         poses.append((chain.view(seen).rotation, chain.view(seen).translation_m))
     return images, poses, near
 
@@ -159,7 +159,7 @@ def rendered_boards(
     quality = Quality(2, 2 * BOARD_RAYS * camera.width_px * camera.height_px, scenario.seed)
     for k, (pitch, yaw, x, y) in enumerate(views):
         target = {**scenario.target.model_dump(), "pitch_deg": pitch, "yaw_deg": yaw, "roll_deg": BOARD_ROLL_DEG}
-        seen = scenario.at(target=target, light="eclipse")
+        seen = scenario.at(target=target, illumination="eclipse")
         aside = board.model_copy(update={"centre_m": (x * scenario.range_m, y * scenario.range_m)})
         basis = next(render_bases([view_of(aside, chain.view(seen))], quality))
         rate = chain.electron_rate(seen, basis, "eclipse")

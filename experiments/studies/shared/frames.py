@@ -40,13 +40,13 @@ def around_marker(scenario: Scenario, margin_px: int = MARGIN_PX) -> Scenario:
     return scenario.at(camera={**scenario.camera.model_dump(), **crop})
 
 
-def fine_frames(scenarios: Sequence[Scenario], light: str, rays: int = RAYS) -> list[FineImage]:
+def fine_frames(scenarios: Sequence[Scenario], illumination: str, rays: int = RAYS) -> list[FineImage]:
     """Electron rates of scenarios' frames before the lens's blur, on sub-pixels of so many rays each; rendered together."""
     dense = [_dense(scenario, rays) for scenario in scenarios]
     frames = []
     for scenario, fine, basis in zip(scenarios, dense, chain.transports(dense), strict=True):
         blur = camera_at(scenario.camera, scenario.range_m, scenario.filter.centre_nm).psf_sigma_px
-        frames.append(FineImage(chain.electron_rate(fine, basis, light) * SAMPLES**2, SAMPLES, blur))
+        frames.append(FineImage(chain.electron_rate(fine, basis, illumination) * SAMPLES**2, SAMPLES, blur))
     return frames
 
 
@@ -124,15 +124,15 @@ class Case:
     truth: Truth
 
     @classmethod
-    def of(cls, scenario: Scenario, light: str = "eclipse") -> Case:
+    def of(cls, scenario: Scenario, illumination: str = "eclipse") -> Case:
         """Render a scenario, cropped to the marker, and choose its exposure."""
         cropped = around_marker(scenario)
-        seconds = chain.exposure_s(cropped, chain.link_budget(cropped, light), cropped.exposure_s)
+        seconds = chain.solve_exposure(cropped, chain.link_budget(cropped, illumination), cropped.exposure_s)
         sensor = cropped.sensor
         exposure = Exposure(seconds, sensor.dark_electrons(seconds), sensor.total_noise_electrons)
-        return cls(cropped, fine_frames([cropped], light)[0], exposure, Truth(chain.view(cropped)))
+        return cls(cropped, fine_frames([cropped], illumination)[0], exposure, Truth(chain.view(cropped)))
 
-    def orbit(self, light: str = "eclipse") -> Orbit:
+    def orbit(self, illumination: str = "eclipse") -> Orbit:
         """The marker from a little aside: pitch, yaw and range before and after."""
         marker, target, range_m = self.scenario.marker, self.scenario.target, self.scenario.range_m
         focal = min(self.scenario.camera.focal_px)
@@ -145,10 +145,10 @@ class Case:
 
         sides = [turned(key, sign * angle) for key in ("pitch_deg", "yaw_deg") for sign in (-1, 1)]
         sides += [self.scenario.at(range_m=range_m + sign * step) for sign in (-1, 1)]
-        frames = fine_frames(sides, light, RAYS_OF_BOUNDS)
+        frames = fine_frames(sides, illumination, RAYS_OF_BOUNDS)
         return Orbit(tuple(zip(frames[::2], frames[1::2], strict=True)), (angle, angle, step), self._turns())
 
-    def beside(self, light: str = "eclipse") -> tuple[FineImage, FineImage, float]:
+    def beside(self, illumination: str = "eclipse") -> tuple[FineImage, FineImage, float]:
         """Frames with every blob a little earlier and later along its element, and half of the way between them [m].
 
         The virtual lines move, the openings stay.
@@ -163,7 +163,7 @@ class Case:
         for sign in (-1, 1):
             part = marker.virtual_offset_fraction + sign * share
             sides.append(self.scenario.at(marker={**marker.model_dump(), "virtual_offset_fraction": part}))
-        before, after = fine_frames(sides, light, RAYS_OF_BOUNDS)
+        before, after = fine_frames(sides, illumination, RAYS_OF_BOUNDS)
         return before, after, step
 
     def _turns(self) -> FloatArray:

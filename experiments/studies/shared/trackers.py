@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from detector.detect import Features, detect_features
+from detector.features import Features, find_features
 from detector.pattern.corners import fit_pattern
 from detector.pattern.pattern import Pattern, kernel_sigma_px
 from detector.pnp.pnp import ippe_refined, squared_error, two_start
@@ -89,7 +89,7 @@ class Sight:
 def mantis(shot: Shot) -> Sight:
     """This project's features and pose."""
     marker = cast(MarkerDesign, shot.design)
-    features = detect_features(shot.image, marker, shot.camera, shot.noise, shot.light_ring_m)
+    features = find_features(shot.image, marker, shot.camera, shot.noise, shot.light_ring_m)
     return ml_sight(features, marker, shot.camera)
 
 
@@ -280,8 +280,8 @@ def _centroid(shot: Shot, places_px: FloatArray, k: int, reach_px: float) -> Flo
     away = np.hypot(column - places_px[:, :1, None], row - places_px[:, 1:, None])
     own = away[k] <= away.min(axis=0)
     inside, around = own & (away[k] <= reach_px), own & (away[k] > reach_px) & (away[k] <= reach_px + 2)
-    light = shot.image[row[inside], column[inside]] - np.median(shot.image[row[around], column[around]])
-    return np.array([light @ column[inside], light @ row[inside]]) / light.sum()
+    illumination = shot.image[row[inside], column[inside]] - np.median(shot.image[row[around], column[around]])
+    return np.array([illumination @ column[inside], illumination @ row[inside]]) / illumination.sum()
 
 
 Method = Callable[[Shot], Sight]

@@ -131,21 +131,21 @@ def by_illumination(cases: Sequence[Case]) -> list[list[Case]]:
 def _lit_cases(cases: Sequence[Case], basis: TransportBasis) -> Iterator[tuple[int, Record]]:
     """Records of cases that differ in their exposure alone."""
     scenario, left = cases[0][1], list(cases)
-    light = scenario.light
+    illumination = scenario.illumination
     try:
-        rate = chain.electron_rate(scenario, basis, light)
-        budget = chain.link_budget_beside(scenario, light, rate)
+        rate = chain.electron_rate(scenario, basis, illumination)
+        budget = chain.link_budget_beside(scenario, illumination, rate)
     except Exception as error:
         yield from ((index, failure(error)) for index, _ in cases)
         return
     together = len(left)  # until one of them fails; whose fault it is, is then found out one by one
     while left:
         try:
-            seconds = [chain.exposure_s(scenario, budget, case.exposure_s) for _, case in left[:together]]
-            known = trials.known_values(scenario, light, budget, rate, seconds)
-            for k, drawn in enumerate(trials.draws(scenario, rate, light, seconds)):
+            seconds = [chain.solve_exposure(scenario, budget, case.exposure_s) for _, case in left[:together]]
+            known = trials.known_values(scenario, illumination, budget, rate, seconds)
+            for k, drawn in enumerate(trials.draws(scenario, rate, illumination, seconds)):
                 values = {name: column[k] for name, column in known.items()}
-                variance = chain.renderer_variance_fraction(scenario, basis, light, seconds[k], rate)
+                variance = chain.renderer_variance_fraction(scenario, basis, illumination, seconds[k], rate)
                 beside = {"px_per_bit": budget.px_per_bit, "renderer_variance_fraction": variance}
                 yield left.pop(0)[0], _record({**values, **drawn.values, **beside}, drawn)
         except Exception as error:

@@ -118,7 +118,7 @@ def stock_transport(scenario: Scenario, samples: int = 64, repeats: int = 4) -> 
         "dark cells": chain.bit_pixels(view, scenario.marker.black_bit_centres_m()),
     }
     result = []
-    for light, strength in chain.strengths(scenario).items():
+    for light, strength in chain.source_spectra(scenario).items():
         scale = {"led": MM_PER_M**2, "sun": 1.0}[light]  # per square millimetre inside
         with tempfile.TemporaryDirectory() as folder:
             scene = mi.load_dict(stock.stock_scene(view, {light: strength * scale}, Path(folder), dict(film)))
@@ -232,7 +232,7 @@ def indirect_light(scenario: Scenario, samples: int = 4) -> dict[str, float]:
     region = Region(0, 0, camera.width_px, camera.height_px, 4)
     parts = {"bright bits": scenario.marker.white_bit_centres_m(), "dark cells": scenario.marker.black_bit_centres_m()}
     result = {}
-    for light in chain.strengths(scenario):
+    for light in chain.source_spectra(scenario):
         node = scenario.leds.centroid_nm
         direct, full = (
             stock.render_subpixels(view, region, 0, round(node), light, 1, samples, depth) for depth in (2, 4)

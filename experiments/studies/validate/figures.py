@@ -27,8 +27,8 @@ def agreement(dataset: xr.Dataset) -> Figure:
             (FINE_PX_PER_BIT, high, FINE_TOLERANCE),
         ):
             axis.fill_between([low_px, high_px], -100 * tolerance, 100 * tolerance, color=BLACK, alpha=0.07, lw=0)
-        for k, light in enumerate(dataset.light.values):
-            cells = {"light": light}
+        for k, illumination in enumerate(dataset.illumination.values):
+            cells = {"illumination": illumination}
             x, y = px_per_bit.sel(cells).values.ravel(), 100 * dataset[f"{name}_difference"].sel(cells).values.ravel()
             axis.plot(
                 x,
@@ -39,7 +39,7 @@ def agreement(dataset: xr.Dataset) -> Figure:
                 color=COLOURS[k],
                 alpha=0.7,
                 rasterized=True,
-                label=light.replace(" deg", "°"),
+                label=illumination.replace(" deg", "°"),
             )
         axis.axhline(0, color=BLACK, lw=0.6)
         axis.set_title(_TITLES[name])
@@ -62,9 +62,9 @@ def error_budget(dataset: xr.Dataset) -> Figure:
     """Size of every term over range: what the closed form includes, and what is left, for signal and background."""
     figure, axes = new_figure(1, 3, (10.2, 4.4), sharey=True, sharex=True)
     small, steep = float(dataset.size_m.min()), float(dataset.tilt_deg.max())
-    where = {"size_m": small, "tilt_deg": steep, "light": dataset.light.values[-1]}
+    where = {"size_m": small, "tilt_deg": steep, "illumination": dataset.illumination.values[-1]}
     cells = dataset.sel(where).isel(sensor=0)
-    label = f"{small * 100:g} cm, {steep:g}° tilt, {str(where['light']).replace(' deg', '°')}"
+    label = f"{small * 100:g} cm, {steep:g}° tilt, {str(where['illumination']).replace(' deg', '°')}"
     _lines(axes[0, 0], cells.effect_on_signal, "effect", {})
     axes[0, 0].set_title("Signal without this effect")
     for axis, quantity in zip(axes[0, 1:], ("signal", "background"), strict=True):

@@ -71,7 +71,7 @@ class Plan:
 FULL = Plan()
 QUICK = Plan((1.0, 3.0, 8.0, 20.0), (0.05, 0.20), (0.0, 40.0), (45.0, 75.0), rays=500_000)
 
-DIMS = ("range_m", "size_m", "tilt_deg", "light", "sensor")
+DIMS = ("range_m", "size_m", "tilt_deg", "illumination", "sensor")
 _NOISE = ("noise_variance_ratio", "noise_mean_z", "noise_freedom")
 
 
@@ -109,8 +109,8 @@ def run(
 
 def validate(plan: Plan, scenario: Scenario, progress: Progress | None = None) -> xr.Dataset:
     """The labelled result of a plan; a cell whose bits leave the frame holds NaN and a reason."""
-    lights = ("eclipse", *(f"sun {phase:g} deg" for phase in plan.phases_deg))
-    shape = (len(plan.ranges_m), len(plan.sizes_m), len(plan.tilts_deg), len(lights))
+    illuminations = ("eclipse", *(f"sun {phase:g} deg" for phase in plan.phases_deg))
+    shape = (len(plan.ranges_m), len(plan.sizes_m), len(plan.tilts_deg), len(illuminations))
     names = [f"{q}_{how}" for q in QUANTITIES for how in ("analytic", "rendered")] + ["exposure_s", *_NOISE]
     cells = {name: np.full((*shape, len(plan.sensors)), np.nan) for name in names}
     effects = np.full((*shape, len(EFFECTS)), np.nan)
@@ -126,12 +126,14 @@ def validate(plan: Plan, scenario: Scenario, progress: Progress | None = None) -
         reason[index] = why_not(here)
         if not reason[index]:
             bits = _Bits(cropped(here), plan)
-            for k, light in enumerate(bits.lights):
+            for k, illumination in enumerate(bits.illuminations):
                 for d, name in enumerate(plan.sensors):
-                    for key, value in bits.cell(light, _sensor(scenario, name), plan.draws, (*index, k, d)).items():
+                    for key, value in bits.cell(
+                        illumination, _sensor(scenario, name), plan.draws, (*index, k, d)
+                    ).items():
                         cells[key][*index, k, d] = value
-                effects[*index, k] = bits.effects(light)
-                remainders[*index, k] = bits.remainders(light)
+                effects[*index, k] = bits.effects(illumination)
+                remainders[*index, k] = bits.remainders(illumination)
         if progress:
             progress(done + 1, len(steps), f"{size_m * 100:g} cm, {tilt_deg:g}°, {range_m:g} m")
     dataset = xr.Dataset(
@@ -144,7 +146,7 @@ def validate(plan: Plan, scenario: Scenario, progress: Progress | None = None) -
         },
         coords={
             "range_m": list(plan.ranges_m), "size_m": list(plan.sizes_m), "tilt_deg": list(plan.tilts_deg),
-            "light": list(lights), "phase_deg": ("light", [np.nan, *plan.phases_deg]), "sensor": list(plan.sensors),
+            "illumination": list(illuminations), "phase_deg": ("illumination", [np.nan, *plan.phases_deg]), "sensor": list(plan.sensors),
             "effect": list(EFFECTS), "source": list(REMAINDERS), "quantity": ["signal", "background"],
         },
         attrs={"title": "Closed form against rendering", "draws": plan.draws, **chain.provenance(scenario)},
@@ -201,25 +203,25 @@ class _Bits:
         ]
         self.bases = [chain.transport(sun) for sun in suns]
         #: (scenario, 'eclipse' or 'sun', transport) by label; the LEDs are the same under every Sun.
-        self.lights: dict[str, tuple[Scenario, str, TransportBasis]] = {
+        self.illuminations: dict[str, tuple[Scenario, str, TransportBasis]] = {
             "eclipse": (suns[0], "eclipse", self.bases[0]),
-            **{f"sun {s.sun.phase_deg:g} deg": (s, "sun", b) for s, b in zip(suns, self.bases, strict=True)},
+            **{f"sun {s.sun.phase_deg:g} deg": (s, "sunlit", b) for s, b in zip(suns, self.bases, strict=True)},
         }
         self.white = chain.bit_pixels(view, scenario.marker.white_bit_centres_m())
         self.black = chain.bit_pixels(view, scenario.marker.black_bit_centres_m())
 
-    def _rendered(self, scenario: Scenario, light: str, basis: TransportBasis) -> tuple[FloatArray, FloatArray]:
+    def _rendered(self, scenario: Scenario, illumination: str, basis: TransportBasis) -> tuple[FloatArray, FloatArray]:
         """Electron rates of the frame, and (signal, background)."""
-        rate = chain.electron_rate(scenario, basis, light)
+        rate = chain.electron_rate(scenario, basis, illumination)
         return rate, np.array([np.mean([rate[p].mean() for p in pixels]) for pixels in (self.white, self.black)])
 
     def cell(self, label: str, sensor: Sensor, draws: int, key: tuple[int, ...]) -> dict[str, float]:
         """Both sides of every quantity in electrons and ratios, and the noise statistics."""
-        scenario, light, basis = self.lights[label]
+        scenario, illumination, basis = self.illuminations[label]
         scenario = scenario.model_copy(update={"sensor": sensor})
-        budget = chain.link_budget(scenario, light)
-        seconds = chain.exposure_s(scenario, budget, "auto")
-        rate, (signal, background) = self._rendered(scenario, light, basis)
+        budget = chain.link_budget(scenario, illumination)
+        seconds = chain.solve_exposure(scenario, budget, "auto")
+        rate, (signal, background) = self._rendered(scenario, illumination, basis)
         analytic = budget.at(seconds)
         electrons = signal * seconds, background * seconds
         dark, noise = analytic["dark"], sensor.total_noise_electrons
@@ -233,8 +235,8 @@ class _Bits:
 
     def effects(self, label: str) -> list[float]:
         """Relative change of the closed-form signal without each of `EFFECTS`."""
-        scenario, light, _ = self.lights[label]
-        camera, budget = scenario.camera, chain.link_budget(scenario, light)
+        scenario, illumination, _ = self.illuminations[label]
+        camera, budget = scenario.camera, chain.link_budget(scenario, illumination)
         signal, led_share = budget.signal_rate, chain.link_budget(scenario, "eclipse").signal_rate / budget.signal_rate
         sharp = scenario.model_copy(update={"camera": camera.model_copy(update={"psf_sigma_px": 0.0})})
         alone = scenario.model_copy(
@@ -245,9 +247,9 @@ class _Bits:
         )
         tape = _tape_radiance(scenario)
         return [
-            chain.link_budget(sharp, light).signal_rate / signal - 1,
+            chain.link_budget(sharp, illumination).signal_rate / signal - 1,
             budget.tape_rate / signal - 1,
-            chain.link_budget(alone, light).signal_rate / signal - 1,
+            chain.link_budget(alone, illumination).signal_rate / signal - 1,
             led_share * (_tape_radiance(scenario, pattern=False) / tape - 1),
             led_share * (_tape_radiance(scenario, angles=False) / tape - 1),
             1 / float(np.mean([camera.relative_illumination()[p].mean() for p in self.white])) - 1,
@@ -255,12 +257,12 @@ class _Bits:
 
     def remainders(self, label: str) -> FloatArray:
         """(sources, signal and background) relative to each, of `REMAINDERS`."""
-        scenario, light, basis = self.lights[label]
-        rendered = self._rendered(scenario, light, basis)[1]
+        scenario, illumination, basis = self.illuminations[label]
+        rendered = self._rendered(scenario, illumination, basis)[1]
         result = np.zeros((len(REMAINDERS), 2))
         if scenario.marker.bit_m * min(chain.bit_scale_px(chain.view(scenario))) < FACETS_PX_PER_BIT:
             flat = scenario.at(target=scenario.target.model_dump() | {"facet_slope_deg": 0.0})
-            result[0] = rendered / self._rendered(flat, light, chain.transport(flat))[1] - 1
+            result[0] = rendered / self._rendered(flat, illumination, chain.transport(flat))[1] - 1
         # The LEDs were rendered under every Sun with another seed; the Sun's own light has no angle to choose but its disc's.
         repeats = np.array([self._rendered(scenario, "eclipse", b)[1] for b in self.bases])
         result[1] = repeats.std(axis=0, ddof=1) / rendered if len(repeats) > 1 else np.nan

@@ -66,7 +66,7 @@ def outside(dataset: xr.Dataset) -> Iterator[str]:
         what = f"differs by {float(cell.worst_difference):.2%}" if cell.noise_agrees else "drawn noise off"
         yield (
             f"{float(cell.range_m):g} m, {float(cell.size_m) * 100:g} cm, {float(cell.tilt_deg):g} deg, "
-            f"{cell.light.item()}, {cell.sensor.item()}: {what}"
+            f"{cell.illumination.item()}, {cell.sensor.item()}: {what}"
         )
 
 

@@ -15,7 +15,7 @@ from experiments.thesis.errata.study import WATERFALL_EXPOSURE, full_pixel_snr, 
 from radiometry.corrections import REPAIRS
 from radiometry.geometry import FloatArray
 
-_LIGHT_TEXT = {"eclipse": "eclipse, LEDs alone", "sun": "LEDs and Sun", "sun alone": "Sun alone"}
+_LIGHT_TEXT = {"eclipse": "eclipse, LEDs alone", "sunlit": "LEDs and Sun", "sun alone": "Sun alone"}
 #: A step that changes neither signal nor SNR by this fraction is left out of a waterfall.
 _VISIBLE = 1e-4
 
@@ -31,9 +31,9 @@ def figures(dataset: xr.Dataset) -> dict[str, Any]:
     }
 
 
-def waterfall_figure(dataset: xr.Dataset, light: str, range_m: float) -> Any:
+def waterfall_figure(dataset: xr.Dataset, illumination: str, range_m: float) -> Any:
     """Signal and SNR at one range, step by step from the printed to the full model, on logarithmic axes."""
-    case = dataset.sel(light=light, range_m=range_m)
+    case = dataset.sel(illumination=illumination, range_m=range_m)
     figure, axes = new_figure(1, 2, (8.6, 4.9), sharey=True, width_ratios=(1.25, 1.0))
     for axis, name, label in (
         (axes[0, 0], "signal", "signal [e⁻]"),
@@ -42,12 +42,12 @@ def waterfall_figure(dataset: xr.Dataset, light: str, range_m: float) -> Any:
         _waterfall_panel(axis, case, case[f"step_{name}"].values, case[f"{name}_factor"].values)
         axis.set_xlabel(label)
     axes[0, 0].invert_yaxis()
-    well = chain.usable_well(thesis_scenario(16.0).sensor)
+    well = chain.usable_well_electrons(thesis_scenario(16.0).sensor)
     axes[0, 0].axvline(well, color=VERMILION, ls="--", lw=1)
     axes[0, 0].annotate(
         "full well", (well, 1), xycoords=("data", "axes fraction"), ha="center", va="bottom", color=VERMILION
     )
-    figure.suptitle(f"{_LIGHT_TEXT[light]}, {WATERFALL_EXPOSURE[light]}, {range_m:g} m", fontsize=9)
+    figure.suptitle(f"{_LIGHT_TEXT[illumination]}, {WATERFALL_EXPOSURE[illumination]}, {range_m:g} m", fontsize=9)
     return figure
 
 
@@ -104,7 +104,7 @@ def _finish_snr(axis: Axes, title: str) -> None:
 def eclipse_figure(dataset: xr.Dataset) -> Any:
     """SNR over range in eclipse: the three models at the thesis's exposure, and the full one at its automatic exposure."""
     figure, axes = new_figure(size_in=(8.2, 4.0))
-    axis, here = axes[0, 0], dataset.sel(light="eclipse")
+    axis, here = axes[0, 0], dataset.sel(illumination="eclipse")
     for model, exposure, label, colour, marker in (
         ("repaired", "1/30 s", "repaired, 1/30 s", BLUE, "s"),
         ("full", "1/30 s", "full, 1/30 s", GREEN, "^"),
@@ -125,16 +125,16 @@ def sun_figure(dataset: xr.Dataset) -> Any:
     """SNR over range at 1 ms in sunlight, with the LEDs on and without, in the three models."""
     figure, axes = new_figure(size_in=(8.2, 4.0))
     axis, here = axes[0, 0], dataset.sel(exposure="1 ms")
-    for model, light, label, colour, marker in (
-        ("repaired", "sun", "repaired, LEDs and Sun", BLUE, "s"),
-        ("full", "sun", "full, LEDs and Sun", GREEN, "^"),
+    for model, illumination, label, colour, marker in (
+        ("repaired", "sunlit", "repaired, LEDs and Sun", BLUE, "s"),
+        ("full", "sunlit", "full, LEDs and Sun", GREEN, "^"),
         ("repaired", "sun alone", "repaired, Sun alone", SKY, "s"),
         ("full", "sun alone", "full, Sun alone", ORANGE, "^"),
-        ("printed", "sun", "as printed (LEDs and Sun)", BLACK, "D"),
+        ("printed", "sunlit", "as printed (LEDs and Sun)", BLACK, "D"),
     ):
-        case = here.sel(model=model, light=light)
+        case = here.sel(model=model, illumination=illumination)
         _plot(axis, case, case.snr, label, colour, marker)
-    case = here.sel(model="full", light="sun alone")
+    case = here.sel(model="full", illumination="sun alone")
     _plot(axis, case, case.cnr, "full, Sun alone, CNR", VERMILION, "o")
     _finish_snr(axis, "Sunlight, 1 ms")
     return figure

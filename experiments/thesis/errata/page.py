@@ -65,10 +65,10 @@ def _beam() -> dict[str, Any]:
         result[f"printed_{cone}deg_w_sr"] = model.intensity_w_sr
         result[f"right_{cone}deg_w_sr"] = repaired(model, REPAIRS).intensity_w_sr
     electrical = thesis_scenario(16.0).leds.electrical_power_w * PrintedModel().led_count
-    light = beam_power_w(result["printed_16deg_w_sr"], 16.0)
+    illumination = beam_power_w(result["printed_16deg_w_sr"], 16.0)
     emitted = beam_power_w(result["as_bought_w_sr"], PrintedModel().led_full_angle_deg)
-    result |= {"printed_power_w": light, "electrical_power_w": electrical, "emitted_power_w": emitted}
-    result |= {"printed_over_electrical": light / electrical, "printed_over_emitted": light / emitted}
+    result |= {"printed_power_w": illumination, "electrical_power_w": electrical, "emitted_power_w": emitted}
+    result |= {"printed_over_electrical": illumination / electrical, "printed_over_emitted": illumination / emitted}
     try:
         LedRing(intensity_w_sr=result["printed_16deg_w_sr"] / PrintedModel().led_count, half_angle_deg=8.0)
     except ValueError as refusal:
@@ -86,7 +86,7 @@ def _ranges(dataset: xr.Dataset, chosen: Any) -> str:
 
 
 def _eclipse(dataset: xr.Dataset) -> dict[str, Any]:
-    here = dataset.sel(light="eclipse")
+    here = dataset.sel(illumination="eclipse")
     printed, full, auto = here.sel(model="printed"), here.sel(model="full"), here.sel(model="full", exposure="auto")
     result: dict[str, Any] = {
         f"printed_snr_{r}m": _at(printed, "snr", exposure="1/30 s", range_m=r) for r in (6, 7, 8, 9)
@@ -116,16 +116,16 @@ def _eclipse(dataset: xr.Dataset) -> dict[str, Any]:
 
 def _sun(dataset: xr.Dataset) -> dict[str, Any]:
     here = dataset.sel(exposure="1 ms")
-    printed, full = here.sel(model="printed", light="sun"), here.sel(model="full")
+    printed, full = here.sel(model="printed", illumination="sunlit"), here.sel(model="full")
     result: dict[str, Any] = {"band_w_m2": solar_band_w_m2(), "printed_snr_8m": _at(printed, "snr", range_m=8)}
     for r in (8, 20):
-        for light, key in (("sun alone", "alone"), ("sun", "with_leds")):
+        for illumination, key in (("sun alone", "alone"), ("sunlit", "with_leds")):
             for model in ("repaired", "full"):
-                signal = _at(here, "signal", model=model, light=light, range_m=r)
+                signal = _at(here, "signal", model=model, illumination=illumination, range_m=r)
                 result[f"{model}_{key}_over_printed_{r}m"] = signal / _at(printed, "signal", range_m=r)
-    alone, both = full.sel(light="sun alone"), full.sel(light="sun")
-    auto = dataset.sel(model="full", light="sun", exposure="auto")
-    led_share = full.signal.sel(light="eclipse") / alone.signal
+    alone, both = full.sel(illumination="sun alone"), full.sel(illumination="sunlit")
+    auto = dataset.sel(model="full", illumination="sunlit", exposure="auto")
+    led_share = full.signal.sel(illumination="eclipse") / alone.signal
     limits = thesis_scenario(16.0).requirement
     return result | {
         "alone_over_well_least": float(alone.full_well_fraction.min()),
@@ -162,7 +162,7 @@ def _sampling(dataset: xr.Dataset) -> dict[str, Any]:
 def _noise(dataset: xr.Dataset) -> dict[str, Any]:
     model, s = printed_model(), PrintedModel()
     equal = s.dark_noise_e**2
-    signal = dataset.signal.sel(model="printed", light="eclipse", exposure="1/30 s").values
+    signal = dataset.signal.sel(model="printed", illumination="eclipse", exposure="1/30 s").values
 
     def gain(signal_e: float) -> float:
         charge, none = np.array(signal_e), np.array(0.0)
@@ -184,7 +184,7 @@ def _noise(dataset: xr.Dataset) -> dict[str, Any]:
 
 
 def _power(dataset: xr.Dataset) -> dict[str, Any]:
-    leds, auto = thesis_scenario(16.0).leds, dataset.sel(model="full", light="eclipse", exposure="auto")
+    leds, auto = thesis_scenario(16.0).leds, dataset.sel(model="full", illumination="eclipse", exposure="auto")
     printed = float(leds.energy_per_frame_j(1 / 50))
     longest = float(leds.energy_per_frame_j(float(auto.exposure_s.max())))
     return {
@@ -234,8 +234,8 @@ def _factor(value: float) -> str:
 def waterfall_rows(dataset: xr.Dataset) -> list[tuple[str, ...]]:
     """Header, then one row a step: factors on signal and SNR in eclipse (1/30 s) and of the Sun alone (1 ms)."""
     cases = [("eclipse", 8.0), ("eclipse", 20.0), ("sun alone", 8.0), ("sun alone", 20.0)]
-    rows = [("step", *(f"{light}, {r:g} m: {q}" for light, r in cases for q in ("S", "SNR")))]
-    values = [dataset.sel(light=light, range_m=r) for light, r in cases]
+    rows = [("step", *(f"{illumination}, {r:g} m: {q}" for illumination, r in cases for q in ("S", "SNR")))]
+    values = [dataset.sel(illumination=illumination, range_m=r) for illumination, r in cases]
 
     def line(name: str, *pairs: tuple[str, str]) -> tuple[str, ...]:
         return (name, *(text for pair in pairs for text in pair))
@@ -277,17 +277,17 @@ def model_rows(dataset: xr.Dataset) -> list[tuple[str, ...]]:
         "CNR full",
         "S full/well",
     )
-    rows: list[tuple[str, ...]] = [("light", "exposure", "range", *heads)]
-    for light, exposure in (
+    rows: list[tuple[str, ...]] = [("illumination", "exposure", "range", *heads)]
+    for illumination, exposure in (
         ("eclipse", "1/30 s"), ("eclipse", "1/50 s, 8°"), ("eclipse", "1/200 s, 8°"), ("eclipse", "auto"),
-        ("sun", "1 ms"), ("sun", "auto"), ("sun alone", "1 ms"),
+        ("sunlit", "1 ms"), ("sunlit", "auto"), ("sun alone", "1 ms"),
     ):  # fmt: skip
         for range_m in _SHOWN_RANGES_M:
-            at = dataset.sel(light=light, exposure=exposure, range_m=range_m)
+            at = dataset.sel(illumination=illumination, exposure=exposure, range_m=range_m)
             full = at.sel(model="full")
             label = f"auto, {seconds_text(float(full.exposure_s))}" if exposure == "auto" else exposure
             numbers = [*at.signal.values, *at.snr.values, full.cnr, full.full_well_fraction]
-            rows.append((light, label, f"{range_m:g} m", *(digits(float(v)) for v in numbers)))
+            rows.append((illumination, label, f"{range_m:g} m", *(digits(float(v)) for v in numbers)))
     return rows
 
 
@@ -300,7 +300,7 @@ def tables(dataset: xr.Dataset) -> list[Table]:
     ):
         table = Table(title=title, box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
         for heading in rows[0]:
-            text = heading in ("step", "light", "exposure")
+            text = heading in ("step", "illumination", "exposure")
             table.add_column(
                 re.sub(", |: |(?<=^S) |(?<=NR) ", "\n", heading),
                 justify="left" if text else "right",

@@ -35,7 +35,7 @@ EXPOSURES: dict[str, tuple[float, float | str]] = {
     "auto": (16.0, "auto"),
 }
 #: The exposure at which the waterfall of an illumination is taken.
-WATERFALL_EXPOSURE = {"eclipse": "1/30 s", "sun": "1 ms", "sun alone": "1 ms"}
+WATERFALL_EXPOSURE = {"eclipse": "1/30 s", "sunlit": "1 ms", "sun alone": "1 ms"}
 RANGES_M = tuple(float(r) for r in range(1, 21))
 
 
@@ -94,11 +94,11 @@ def completing_steps(cone_deg: float) -> tuple[Repair, ...]:
 def _full_rates(cone_deg: float) -> FloatArray:
     """Signal and background of the full model [e-/s], (2, light, range)."""
     rates = {}
-    for light in ("eclipse", "sun"):
-        budgets = [chain.link_budget(thesis_scenario(cone_deg, r), light) for r in RANGES_M]
-        rates[light] = np.array([[b.signal_rate, b.background_rate] for b in budgets]).T
+    for illumination in ("eclipse", "sunlit"):
+        budgets = [chain.link_budget(thesis_scenario(cone_deg, r), illumination) for r in RANGES_M]
+        rates[illumination] = np.array([[b.signal_rate, b.background_rate] for b in budgets]).T
     # Light adds up, so the Sun's share is what remains without the LEDs'.
-    return np.stack([rates["eclipse"], rates["sun"], rates["sun"] - rates["eclipse"]], axis=1)
+    return np.stack([rates["eclipse"], rates["sunlit"], rates["sunlit"] - rates["eclipse"]], axis=1)
 
 
 def _rates(model: str, cone_deg: float) -> FloatArray:
@@ -117,7 +117,7 @@ def models_dataset() -> xr.Dataset:
     """Charges, SNR, CNR and well filling of the three models over range, illumination and exposure."""
     scenario = thesis_scenario(16.0)
     auto, sensor, ranges = scenario.auto_exposure, scenario.sensor, np.array(RANGES_M)
-    well, noise = chain.usable_well(sensor), sensor.total_noise_electrons
+    well, noise = chain.usable_well_electrons(sensor), sensor.total_noise_electrons
     shape = (len(MODELS), len(LIGHTS), len(EXPOSURES), len(RANGES_M))
     signal, background, seconds = np.empty(shape), np.empty(shape), np.empty(shape)
     for m, model in enumerate(MODELS):
@@ -140,13 +140,13 @@ def models_dataset() -> xr.Dataset:
         "full_well_fraction": (signal / well, "1", "bright bit over full well"),
         "smear_px": (link.smear_px(scenario.camera, ranges, speed, seconds), "pixel", "motion during the exposure"),
     }
-    dims = ("model", "light", "exposure", "range_m")
+    dims = ("model", "illumination", "exposure", "range_m")
     bit_px = min(chain.bit_scale_px(chain.view(scenario))) * scenario.marker.bit_m * scenario.range_m / ranges
     return xr.Dataset(
         {name: (dims, values, {"units": unit, "long_name": text}) for name, (values, unit, text) in variables.items()},
         coords={
             "model": list(MODELS),
-            "light": list(LIGHTS),
+            "illumination": list(LIGHTS),
             "exposure": list(EXPOSURES),
             "beam_deg": ("exposure", [c for c, _ in EXPOSURES.values()], {"units": "degree", "long_name": "beam"}),
             "range_m": ("range_m", ranges, {"units": "m", "long_name": "range"}),
@@ -160,14 +160,14 @@ def waterfall_dataset(models: xr.Dataset) -> xr.Dataset:
     ranges, cone_deg = np.array(RANGES_M), EXPOSURES["1/30 s"][0]
     steps, start = (*REPAIRS, *completing_steps(cone_deg)), printed_model(PrintedModel(light_cone_deg=cone_deg))
     signal, snr = (np.empty((len(steps) + 2, len(LIGHTS), len(ranges))) for _ in range(2))
-    for n, (light, sources) in enumerate(LIGHTS.items()):
-        case = models.sel(light=light, exposure=WATERFALL_EXPOSURE[light])
-        seconds = float(EXPOSURES[WATERFALL_EXPOSURE[light]][1])
+    for n, (illumination, sources) in enumerate(LIGHTS.items()):
+        case = models.sel(illumination=illumination, exposure=WATERFALL_EXPOSURE[illumination])
+        seconds = float(EXPOSURES[WATERFALL_EXPOSURE[illumination]][1])
         made = waterfall(start, steps, ranges, seconds, sources)
         full, printed = case.sel(model="full"), case.sel(model="printed")
         signal[:, n] = [printed.signal.values, *(step.signal_e for step in made), full.signal.values]
         snr[:, n] = [printed.snr.values, *(step.snr for step in made), full.cnr.values]
-    dims, names = ("step", "light", "range_m"), ["as printed", *(step.name for step in steps), "full model"]
+    dims, names = ("step", "illumination", "range_m"), ["as printed", *(step.name for step in steps), "full model"]
     one = np.ones((1, *signal.shape[1:]))
     variables = {
         "step_signal": (signal, "electron", "mean charge of a bright bit's pixel after the step"),
@@ -214,25 +214,27 @@ def run(out_dir: Path | None = None) -> xr.Dataset:
 def steps_csv(dataset: xr.Dataset, ranges_m: tuple[float, ...] = (1.0, 8.0, 20.0)) -> str:
     """The waterfall as CSV, one step, illumination and range a line, at some ranges."""
     lines = ["step,light,range_m,signal_e,snr,signal_factor,snr_factor"]
-    for light in dataset.light.values:
+    for illumination in dataset.illumination.values:
         for range_m in ranges_m:
             for step in dataset.step.values:
-                at = dataset.sel(step=step, light=light, range_m=range_m)
+                at = dataset.sel(step=step, illumination=illumination, range_m=range_m)
                 values = (at.step_signal, at.step_snr, at.signal_factor, at.snr_factor)
-                lines.append(",".join([f'"{step}"', str(light), f"{range_m:g}", *(f"{float(v):.6g}" for v in values)]))
+                lines.append(
+                    ",".join([f'"{step}"', str(illumination), f"{range_m:g}", *(f"{float(v):.6g}" for v in values)])
+                )
     return "\n".join(lines) + "\n"
 
 
 def full_pixel_snr() -> float:
     """The best SNR that one exposure can have: that of a full well."""
     sensor = thesis_scenario(EXPOSURES["1/30 s"][0]).sensor
-    return float(link.snr(chain.usable_well(sensor), 0.0, sensor.total_noise_electrons))
+    return float(link.snr(chain.usable_well_electrons(sensor), 0.0, sensor.total_noise_electrons))
 
 
 def limit_margins(dataset: xr.Dataset) -> dict[str, FloatArray]:
     """Factor by which the full model in eclipse meets each closure criterion over range; below 1 it fails."""
     limits = thesis_scenario(EXPOSURES["1/30 s"][0]).requirement
-    full = dataset.sel(model="full", light="eclipse")
+    full = dataset.sel(model="full", illumination="eclipse")
     filling = {e: full.sel(exposure=e).full_well_fraction.values for e in ("1/30 s", "1 ms", "auto")}
     return {
         "sampling, 2 px/bit": dataset.px_per_bit.values / limits.px_per_bit_min,

@@ -45,7 +45,7 @@ def framed(scenario: Scenario, range_m: float, pitch_deg: float, yaw_deg: float,
     width, height = min(size, camera.width_px), min(size, camera.height_px)
     return scenario.at(
         range_m=range_m,
-        light="eclipse",
+        illumination="eclipse",
         camera={**camera.model_dump(), "width_px": width, "height_px": height},
         target={**scenario.target.model_dump(), "pitch_deg": pitch_deg, "yaw_deg": yaw_deg},
         render={**scenario.render.model_dump(), "marker_rays": rays, "frame_samples": 1},
@@ -88,7 +88,7 @@ def map_of(scenario: Scenario, plan: Plan, progress: Progress | None = None) -> 
     ):
         rate = chain.electron_rate(here, basis, "eclipse")
         budget = chain.link_budget(here, "eclipse")
-        seconds = chain.exposure_s(here, budget, "auto")
+        seconds = chain.solve_exposure(here, budget, "auto")
         view = chain.view(here)
         for n, element in enumerate(here.marker.elements):
             light[i, j, k, n], centroid[i, j, k, n] = _light_and_centroid(rate, view, element, budget.tape_rate)
@@ -97,18 +97,18 @@ def map_of(scenario: Scenario, plan: Plan, progress: Progress | None = None) -> 
         off: list[list[float]] = [[] for _ in ELEMENT_NAMES]
         turned = []
         for trial in range(plan.draws):
-            sighting = chain.look(here, chain.take_frame(here, rate, "eclipse", seconds, trial).dn)
-            found = sighting.features
+            detection = chain.detect(here, chain.expose(here, rate, "eclipse", seconds, trial).dn)
+            found = detection.features
             share["corners"][i, j, k] += found.detected
             share["virtual"][i, j, k] += bool(found.virtual_points_px)
-            share["pose"][i, j, k] += sighting.pose is not None
+            share["pose"][i, j, k] += detection.pose is not None
             for n, name in enumerate(ELEMENT_NAMES):
                 position = found.blobs_px.get(name)
                 if position is not None:
                     blob[i, j, k, n] += 1
                     off[n].append(float((position - truth[name]) @ axis[name] / np.linalg.norm(axis[name])))
-            if sighting.pose is not None:
-                turned.append(np.degrees(chain.pose_errors(here, sighting.pose)[0]))
+            if detection.pose is not None:
+                turned.append(np.degrees(chain.pose_errors(here, detection.pose)[0]))
         for n in range(4):
             error[i, j, k, n] = np.sqrt(np.mean(np.square(off[n]))) if off[n] else np.nan
         attitude[i, j, k] = np.median(turned) if turned else np.nan
@@ -147,12 +147,12 @@ def cut_of(scenario: Scenario, plan: Plan, progress: Progress | None = None) -> 
     for k, (here, basis) in enumerate(zip(cases, chain.transports(cases), strict=True)):
         rate = chain.electron_rate(here, basis, "eclipse")
         budget = chain.link_budget(here, "eclipse")
-        seconds = chain.exposure_s(here, budget, "auto")
+        seconds = chain.solve_exposure(here, budget, "auto")
         view = chain.view(here)
         for n, element in enumerate(here.marker.elements):
             light[k, n], centroid[k, n] = _light_and_centroid(rate, view, element, budget.tape_rate)
         for trial in range(plan.draws):
-            blobs = chain.look(here, chain.take_frame(here, rate, "eclipse", seconds, trial).dn).features.blobs_px
+            blobs = chain.detect(here, chain.expose(here, rate, "eclipse", seconds, trial).dn).features.blobs_px
             seen[k] += [blobs.get(name) is not None for name in ELEMENT_NAMES]
         if progress is not None:
             progress(k + 1, len(yaw), "cut")

@@ -48,7 +48,7 @@ def views(scenario: Scenario, rays: int, shown: slice = slice(None)) -> list[tup
         here = posed(scenario, lay, range_m, np.radians(angles_deg))
         basis = render_face(chain.view(here), lay.placed, Quality(scenario.render.frame_samples, rays, scenario.seed))
         rate = chain.electron_rate(here, basis, "eclipse")
-        frame = chain.take_frame(here, rate, "eclipse", exposure(here, lay)).dn
+        frame = chain.expose(here, rate, "eclipse", exposure(here, lay)).dn
         frames.append((f"{kind}, {face_m:g} m face, {range_m:g} m", frame))
     return frames
 

@@ -9,9 +9,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from detector.detect import detect_features
+from detector.features import find_features
 from detector.pose.joint import FoundMarker, moved_to_face, solve_face_pose
 from detector.pose.pose import Pose, solve_pose
+from detector.sensor.noise import noise_of
 from experiments import chain
 from experiments.scenario import Scenario
 from experiments.thesis.layout.placement import LAYOUTS, Kind, Layout, in_view, layout, random_attitudes
@@ -90,7 +91,7 @@ def posed(scenario: Scenario, lay: Layout, range_m: float, angles_rad: FloatArra
     target = {"face_m": lay.face_m, "facet_m": 0.02 * lay.face_m, "pitch_deg": pitch, "yaw_deg": yaw, "roll_deg": roll}
     return scenario.at(
         range_m=range_m,
-        light="eclipse",
+        illumination="eclipse",
         marker=lay.placed[0].design.model_dump(),
         target={**scenario.target.model_dump(), **target},
     )
@@ -110,11 +111,11 @@ def look_at_face(scenario: Scenario, image: NDArray[np.uint16], lay: Layout) -> 
 
     'One marker' is the one whose own covariance gives the smallest attitude error, which needs no truth to choose.
     """
-    camera, noise = chain.view(scenario).camera, chain.noise_model(scenario, image)
+    camera, noise = chain.view(scenario).camera, noise_of(scenario.sensor, image)
     found = tuple(
         FoundMarker(features, p.design, p.centre_m)
         for p in lay.placed
-        if (features := detect_features(image, p.design, camera, noise, scenario.leds.ring_radius_m)).detected
+        if (features := find_features(image, p.design, camera, noise, scenario.leds.ring_radius_m)).detected
     )
     singles = [
         moved_to_face(pose, f.centre_m) for f in found if (pose := solve_pose(f.features, f.marker, camera)) is not None
@@ -143,7 +144,7 @@ def rendered(scenario: Scenario, plan: Plan, rng: np.random.Generator, progress:
                 rate = chain.electron_rate(here, render_face(view, lay.placed, quality), "eclipse")
                 seconds = exposure(here, lay)
                 for draw in range(plan.draws):
-                    sight = look_at_face(here, chain.take_frame(here, rate, "eclipse", seconds, draw).dn, lay)
+                    sight = look_at_face(here, chain.expose(here, rate, "eclipse", seconds, draw).dn, lay)
                     record: dict[str, object] = {
                         "kind": kind, "face_m": face_m, "range_m": range_m, "draw": draw,
                         "usable": int(usable.sum()), "found": len(sight.found),
@@ -165,7 +166,7 @@ def exposure(scenario: Scenario, lay: Layout) -> float:
     if np.isnan(budget.signal_rate):
         inner = scenario.at(marker=lay.placed[-1].design.model_dump())
         budget = chain.link_budget(inner, "eclipse")
-    return chain.exposure_s(scenario, budget, "auto")
+    return chain.solve_exposure(scenario, budget, "auto")
 
 
 def _errors(pose: Pose | None, rotation: FloatArray, range_m: float) -> list[float]:

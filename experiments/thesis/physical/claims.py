@@ -228,20 +228,20 @@ def _lamp(frames: xr.Dataset) -> Iterator[Statement]:
     """Figure 8.13: the run under the lamp."""
     for name, printed in (("beside the camera", "found"), ("aside", "none")):
         chosen = beside(frames) if printed == "found" else ~beside(frames)
-        listed_share, share = (_with_blob(series(frames, "sun", "full", by), chosen) for by in ("thesis", "mantis"))
+        listed_share, share = (_with_blob(series(frames, "sunlit", "full", by), chosen) for by in ("thesis", "mantis"))
         dark = _with_blob(series(frames, "eclipse", "full", "thesis"), chosen)
         yield Statement(
             "fig. 8.13", f"frames with a blob, lamp {name}", "%", printed, listed_share,
             share,
             f"{_agrees((listed_share > 50) == (printed == 'found'))}; {dark:.0f} % in eclipse at the same stations",
         )  # fmt: skip
-    exposure = float(frames.exposure_s.sel(light="sun") / frames.exposure_s.sel(light="eclipse"))
+    exposure = float(frames.exposure_s.sel(illumination="sunlit") / frames.exposure_s.sel(illumination="eclipse"))
     yield Statement(
         "sec. 8.2", "brightness of a blob under the lamp over that in eclipse", "1", "greatly reduced", exposure, exposure,
         "the exposure follows the bits, which the lamp lights as well; the lamp does not reach a slit's floor from aside. Both "
         f"exposures fill {100 * arm.table()['exposure']['full_well_fraction']:.0f} % of the well with the bits squarely seen",
     )  # fmt: skip
-    listed, own, bare, pair = (series(frames, "sun", "full", by) for by in ("thesis", "mantis", "inner", "pair"))
+    listed, own, bare, pair = (series(frames, "sunlit", "full", by) for by in ("thesis", "mantis", "inner", "pair"))
     for name, chosen in (("beside the camera", beside(frames)), ("aside", ~beside(frames))):
         yield Statement(
             "sec. 8.2", f"yaw error of Mantis under the lamp, {name}, rms", "°", "", rms(listed.yaw_error_deg.where(chosen)),

@@ -12,7 +12,7 @@ from experiments.reporting.figures import BLACK, BLUE, GREEN, MARKERS, ORANGE, S
 from experiments.thesis.physical import arm
 from experiments.thesis.physical.methods import METHODS
 from experiments.thesis.physical.study import NEAR_PHASE_DEG
-from experiments.thesis.physical.summary import LIGHT_NAMES, beside, series
+from experiments.thesis.physical.summary import ILLUMINATION_NAMES, beside, series
 
 COLOURS = {"mantis": BLUE, "inner": SKY, "thesis": VERMILION, "thesis_inner": ORANGE, "window_inner": GREEN}
 COLOURS_OF_PASSES = (BLUE, VERMILION, GREEN, ORANGE)
@@ -26,7 +26,7 @@ def yaw(frames: xr.Dataset, scale: str, project: str) -> Plot:
     inner = "inner" if project == "mantis" else "thesis_inner"
     passes = frames.passing.values
     plot, axes = new_figure(2, len(passes), (9.6, 5.0), sharey=True)
-    for row, light in zip(axes, frames.light.values, strict=True):
+    for row, illumination in zip(axes, frames.illumination.values, strict=True):
         for axis, passing in zip(row, passes, strict=True):
             at = frames.sel(passing=passing)
             order = np.argsort(at.frame_number.values.ravel())
@@ -34,20 +34,20 @@ def yaw(frames: xr.Dataset, scale: str, project: str) -> Plot:
             true = np.broadcast_to(at.true_yaw_deg.values, at.frame_number.shape).ravel()[order]
             axis.plot(number, true, color=BLACK, lw=0.7, label="true")
             near = np.broadcast_to(beside(at).values, at.frame_number.shape).ravel()[order]
-            if str(light) == "sun":
+            if str(illumination) == "sunlit":
                 axis.fill_between(number, -200, 200, where=near, color="0.88", lw=0, label="lamp beside the camera")
             for by, mark, size in ((inner, "s", 4.5), (project, "o", 3.0)):
-                here = series(at, str(light), scale, by)
+                here = series(at, str(illumination), scale, by)
                 axis.plot(
                     number, here.yaw_deg.values.ravel()[order], mark, color=COLOURS[by], ms=size, label=METHODS[by], **_DOTS
                 )  # fmt: skip
-            both = series(at, str(light), scale, project).virtual.values.ravel()[order] > 0
+            both = series(at, str(illumination), scale, project).virtual.values.ravel()[order] > 0
             axis.plot(
                 number[both], np.full(both.sum(), -68.0), "|", color=COLOURS[project], ms=5, label="virtual point found"
             )
             axis.set_ylim(-75, 75)
             height = float(at.height_m)
-            axis.set_title(f"{LIGHT_NAMES[str(light)]}, pass {passing}, {height:g} m up", fontsize=8)
+            axis.set_title(f"{ILLUMINATION_NAMES[str(illumination)]}, pass {passing}, {height:g} m up", fontsize=8)
         row[0].set_ylabel("yaw [°]")
     for axis in axes[-1]:
         axis.set_xlabel("frame number")

@@ -9,7 +9,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from detector.detect import Features, detect_features
+from detector.features import Features, find_features
 from experiments.studies.shared.trackers import Shot, Sight, aruco_thesis, inner_aruco, ml_sight, thesis
 from experiments.thesis.baseline import to_eight_bits
 from scenes.marker import ELEMENT_NAMES, MarkerDesign
@@ -55,4 +55,4 @@ def of_pair(shot: LabShot) -> Sight:
 
 
 def _features(shot: LabShot) -> Features:
-    return detect_features(shot.image, cast(MarkerDesign, shot.design), shot.camera, shot.noise, shot.light_ring_m)
+    return find_features(shot.image, cast(MarkerDesign, shot.design), shot.camera, shot.noise, shot.light_ring_m)

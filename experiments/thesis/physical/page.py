@@ -93,14 +93,14 @@ def study_page(outcome: Outcome, command: str, quick: bool = False) -> StudyPage
 
 def _clean(frames: xr.Dataset) -> bool:
     """Whether this project's detector finds every frame in eclipse, without an outlier."""
-    own = frames.sel(light="eclipse", by="mantis")
+    own = frames.sel(illumination="eclipse", by="mantis")
     return bool(float(own.found.min()) == 1 and not outliers(own).any())
 
 
 def headline(frames: xr.Dataset) -> str:
     """One sentence: yaw in eclipse, and what the lamp does."""
     own, listed = (series(frames, "eclipse", "scaled", by) for by in ("mantis", "thesis"))
-    lamp = series(frames, "sun", "full", "thesis")
+    lamp = series(frames, "sunlit", "full", "thesis")
     return (
         f"On the frames scaled as in the thesis, Mantis's yaw is off by {number(rms(own.yaw_error_deg))}° rms in all "
         f"{own.found.size} frames; the thesis's pipeline is off by {number(rms(listed.yaw_error_deg))}° in the "
@@ -123,14 +123,14 @@ def answers(outcome: Outcome) -> list[str]:
         lines.append(f"{name}, eclipse, yaw rms: {'; '.join(parts)}; {here.found.size} frames.")
     near = beside(frames)
     for by, who in (("thesis", "The thesis's pipeline"), ("mantis", "This project's detector")):
-        here = series(frames, "sun", "full", by)
+        here = series(frames, "sunlit", "full", by)
         dark = series(frames, "eclipse", "full", by)
         lines.append(
             f"{who} has a virtual point in {100 * mean(dark.virtual):.0f} % of the frames as taken in eclipse; under the lamp in "
             f"{100 * mean(here.virtual, near):.0f} % with the lamp within {NEAR_PHASE_DEG:g}° of the camera and in "
             f"{100 * mean(here.virtual, ~near):.0f} % elsewhere."
         )
-    own, bare, pair = (rms_in(series(frames, "sun", "full", by), near) for by in ("mantis", "inner", "pair"))
+    own, bare, pair = (rms_in(series(frames, "sunlit", "full", by), near) for by in ("mantis", "inner", "pair"))
     lines.append(
         f"Under the lamp Mantis's yaw is off by {own[0]}° rms with the lamp beside the camera and {own[1]}° elsewhere, its inner "
         f"ArUco's alone by {bare[0]}° and {bare[1]}°: what the lamp lights in the slits moves the blobs. Frames "
@@ -148,7 +148,7 @@ def answers(outcome: Outcome) -> list[str]:
 
 def _lost(frames: xr.Dataset) -> str:
     """How near the lamp stands to the camera where a difference does not show the marker."""
-    lost = series(frames, "sun", "full", "pair").found < 1
+    lost = series(frames, "sunlit", "full", "pair").found < 1
     if not lost.any():
         return ""
     phase = float(frames.lamp_phase_deg.where(lost.any("way")).max())
@@ -168,9 +168,10 @@ def rms_in(frames: xr.Dataset, chosen: xr.DataArray) -> tuple[str, str]:
 def limits(outcome: Outcome) -> list[str]:
     """Assumptions, reconstructions and what is not modelled."""
     frames, told = outcome.frames, arm.table()
-    names = {"eclipse": "in eclipse", "sun": "under the lamp"}
+    names = {"eclipse": "in eclipse", "sunlit": "under the lamp"}
     exposures = ", ".join(
-        f"{seconds_text(float(frames.exposure_s.sel(light=light)))} {name}" for light, name in names.items()
+        f"{seconds_text(float(frames.exposure_s.sel(illumination=illumination)))} {name}"
+        for illumination, name in names.items()
     )
     return [
         "The arm's lines are reconstructed: the text has four passes at different heights, each there and back, "

@@ -42,12 +42,12 @@ from scenes.view import View
 #: Reports progress: stations done, stations in all, what is being worked on.
 Progress = Callable[[int, int, str], None]
 
-LIGHTS = ("eclipse", "sun")
+LIGHTS = ("eclipse", "sunlit")
 SCALES = ("full", "scaled")
 WAYS = ("out", "back")
 #: The two whose elements are compared where not all methods are.
 COMPARED = ("mantis", "thesis")
-DIMS = ("light", "scale", "by", "passing", "way", "step")
+DIMS = ("illumination", "scale", "by", "passing", "way", "step")
 #: What is kept of every frame, and of this study alone: unit and long name.
 KEPT = {
     **{name: VARIABLES[name] for name in VARIABLES if name != "pitch_sigma_deg"},
@@ -125,16 +125,16 @@ def look(eye: Eye, work: Work) -> tuple[FloatArray, FloatArray]:
     """Values of `KEPT` at one station: (variables, lights, scales, methods, ways), NaN where there is none; and how many blobs
     `COMPARED` find at each level of the lamp, (levels, 2)."""
     result = np.full((len(KEPT), len(LIGHTS), len(SCALES), len(METHODS), len(WAYS)), np.nan, np.float32)
-    for i, light in enumerate(LIGHTS):
-        rate = work.led + work.sun if light == "sun" else work.led
+    for i, illumination in enumerate(LIGHTS):
+        rate = work.led + work.sun if illumination == "sunlit" else work.led
         for w in range(len(WAYS)):
             rng = np.random.default_rng((*work.key, i, w))
-            dn = expose(eye.scenario.sensor, rate, eye.exposures_s[light], rng).dn
+            dn = expose(eye.scenario.sensor, rate, eye.exposures_s[illumination], rng).dn
             for s, (shot, truth) in enumerate(eye.shots(dn, work.view)):
                 for m, (_, sight) in enumerate(sights(shot)):
                     result[:, i, s, m, w] = _judged(truth, sight)
-            if light == "sun":
-                off = expose(eye.scenario.sensor, work.sun, eye.exposures_s[light], rng).dn
+            if illumination == "sunlit":
+                off = expose(eye.scenario.sensor, work.sun, eye.exposures_s[illumination], rng).dn
                 shot, truth = next(eye.shots(dn, work.view, off))
                 result[:, i, 0, list(METHODS).index(PAIR), w] = _judged(truth, of_pair(shot))
     levels = np.zeros((len(work.levels), len(COMPARED)), np.float32)
@@ -176,7 +176,7 @@ def rates(scenario: Scenario, views: Sequence[View]) -> Iterator[tuple[FloatArra
         cases.append((replace(view, camera=camera), Quality(1, _RAYS, seed, variance_fraction=_VARIANCE)))
     for view, basis in zip(views, render_cases(cases), strict=True):
         led = chain.electron_rate(ideal, basis, "eclipse") * spread
-        sun = chain.electron_rate(ideal, basis, "sun") * spread - led
+        sun = chain.electron_rate(ideal, basis, "sunlit") * spread - led
         wider = np.sqrt(max(view.camera.psf_sigma_px**2 - sharp**2, 0.0))
         yield tuple(gaussian_filter(np.asarray(rate, np.float32), wider, mode="nearest") for rate in (led, sun))
 
@@ -246,8 +246,8 @@ def run(
             key = (scenario.seed, station.passing, station.step)
             here = levels if station.step % _LEVEL_EVERY == 0 else {}
             waiting.append((station, submit(eye, Work(view, led, sun, key, here))))
-            for name, light in shown.get(k, ()):
-                pictures |= _pictures(eye, view, led + sun if light == "sun" else led, light, name)
+            for name, illumination in shown.get(k, ()):
+                pictures |= _pictures(eye, view, led + sun if illumination == "sunlit" else led, illumination, name)
             while len(waiting) > _WAITING:
                 collect()
             if progress is not None:
@@ -260,13 +260,13 @@ def run(
 
 def exposures_s(lab: Scenario, view: View, led: FloatArray, sun: FloatArray) -> dict[str, float]:
     """One exposure for each light's run [s]: the white bits at the table's part of the well, at the view given."""
-    return {"eclipse": _exposure(lab, view, led), "sun": _exposure(lab, view, led + sun)}
+    return {"eclipse": _exposure(lab, view, led), "sunlit": _exposure(lab, view, led + sun)}
 
 
 def _exposure(lab: Scenario, view: View, rate: FloatArray) -> float:
     pixels = chain.bit_pixels(view, lab.marker.white_bit_centres_m())
     white = np.concatenate([rate[at] for at in pixels])
-    return float(arm.table()["exposure"]["full_well_fraction"] * chain.usable_well(lab.sensor) / white.mean())
+    return float(arm.table()["exposure"]["full_well_fraction"] * chain.usable_well_electrons(lab.sensor) / white.mean())
 
 
 def sharpness(eye: Eye, quick: bool = False) -> xr.Dataset:
@@ -309,17 +309,17 @@ def _shown(every: list[arm.Station]) -> dict[int, list[tuple[str, str]]]:
     first = [k for k, s in enumerate(every) if s.passing == 0]
     middle, last = first[len(first) // 2], first[-1 - len(first) // 10]
     return {
-        middle: [("eclipse", "eclipse"), ("lamp aside", "sun")],
-        last: [("lamp beside the camera", "sun")],
+        middle: [("eclipse", "eclipse"), ("lamp aside", "sunlit")],
+        last: [("lamp beside the camera", "sunlit")],
     }
 
 
-def _pictures(eye: Eye, view: View, rate: FloatArray, light: str, name: str) -> dict[str, np.ndarray]:
+def _pictures(eye: Eye, view: View, rate: FloatArray, illumination: str, name: str) -> dict[str, np.ndarray]:
     """A frame as the thesis's pipeline gets it, full; the one in eclipse also scaled."""
     rng = np.random.default_rng((eye.scenario.seed, 55))
-    dn = expose(eye.scenario.sensor, rate, eye.exposures_s[light], rng).dn
+    dn = expose(eye.scenario.sensor, rate, eye.exposures_s[illumination], rng).dn
     full, small = (shot.eight_bits for shot, _ in eye.shots(dn, view))
-    return {name: full, **({"scaled": small} if light == "eclipse" else {})}
+    return {name: full, **({"scaled": small} if illumination == "eclipse" else {})}
 
 
 def _dataset(
@@ -342,11 +342,11 @@ def _dataset(
         "lamp_phase_deg": ([arm.lamp_phase_deg(s) for s in every], "degree", "angle lamp–marker–camera"),
     }
     coordinates = {
-        "light": list(LIGHTS), "scale": list(SCALES), "by": list(METHODS), "way": list(WAYS),
+        "illumination": list(LIGHTS), "scale": list(SCALES), "by": list(METHODS), "way": list(WAYS),
         "passing": np.arange(1, len(passes) + 1),
         "frame_number": (("passing", "way", "step"), number, {"long_name": "number of the frame in its run"}),
         "height_m": ("passing", [p[0].place_m[1] for p in passes], {"units": "m"}),
-        "exposure_s": ("light", [exposures[light] for light in LIGHTS], {"units": "s"}),
+        "exposure_s": ("illumination", [exposures[illumination] for illumination in LIGHTS], {"units": "s"}),
     }  # fmt: skip
     for name, (column, unit, label) in geometry.items():
         coordinates[name] = (("passing", "step"), np.reshape(column, shape), {"units": unit, "long_name": label})

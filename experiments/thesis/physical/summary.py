@@ -23,15 +23,15 @@ Row = tuple[str, ...]
 #: The dimensions of one run's frames.
 FRAMES = ("passing", "way", "step")
 PASS_HEADINGS: Row = (
-    "light", "frames", "method", "pass", "height [m]", "frames in all", "found [%]", "virtual point [%]", "yaw rms [°]",
+    "illumination", "frames", "method", "pass", "height [m]", "frames in all", "found [%]", "virtual point [%]", "yaw rms [°]",
     "yaw rms, frontal [°]", "largest [°]", "outliers",
 )  # fmt: skip
-LIGHT_NAMES = {"eclipse": "eclipse", "sun": "halogen"}
+ILLUMINATION_NAMES = {"eclipse": "eclipse", "sunlit": "halogen"}
 
 
-def series(frames: xr.Dataset, light: str, scale: str, by: str) -> xr.Dataset:
+def series(frames: xr.Dataset, illumination: str, scale: str, by: str) -> xr.Dataset:
     """One method's frames of a run, over `FRAMES`."""
-    return frames.sel(light=light, scale=scale, by=by)
+    return frames.sel(illumination=illumination, scale=scale, by=by)
 
 
 def outliers(frames: xr.Dataset) -> xr.DataArray:
@@ -63,10 +63,10 @@ def mean(values: xr.DataArray, where: xr.DataArray | None = None) -> float:
 
 
 def _cells(frames: xr.Dataset) -> Iterator[tuple[Row, xr.Dataset]]:
-    for light, scale, by in product(frames.light.values, frames.scale.values, frames.by.values):
-        here = series(frames, light, scale, by)
+    for illumination, scale, by in product(frames.illumination.values, frames.scale.values, frames.by.values):
+        here = series(frames, illumination, scale, by)
         if np.isfinite(here.found).any():  # pairs are taken under the lamp alone
-            yield (LIGHT_NAMES[str(light)], str(scale), METHODS[str(by)]), here
+            yield (ILLUMINATION_NAMES[str(illumination)], str(scale), METHODS[str(by)]), here
 
 
 def pass_rows(frames: xr.Dataset) -> list[Row]:
@@ -87,7 +87,7 @@ def pass_rows(frames: xr.Dataset) -> list[Row]:
 
 def failure_rows(frames: xr.Dataset) -> list[Row]:
     """Frames with each failure mode, a row a run and method, and the median errors with and without it."""
-    rows: list[Row] = [("light", "frames", "method", "frames in all", *failures.HEADINGS)]
+    rows: list[Row] = [("illumination", "frames", "method", "frames in all", *failures.HEADINGS)]
     for names, here in _cells(frames):
         failed = {name: None if np.isnan(here[name].values).all() else here[name].values > 0 for name in failures.MODES}
         off = (here.range_error_m / here.range_m).transpose(*here.found.dims)

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from experiments.reporting.figures import BLACK, BLUE, COLOURS, GREEN, VERMILION, new_figure
-from experiments.reporting.formatting import LIGHT_NAMES
+from experiments.reporting.formatting import ILLUMINATION_NAMES
 from experiments.scenario import Scenario
 from experiments.thesis.power.emitters import BOARD_C, Emitter
 from radiometry import link
@@ -38,10 +38,15 @@ def rate_over_exposure(dataset: xr.Dataset, scenario: Scenario, plan: PowerPlan)
     thesis = np.array([1 / 30, 1 / 50, 1 / 100, 1 / 150, 1 / 200])
     energy = scenario.leds.energy_per_frame_j(thesis)
     axis.plot(thesis, plan.limit_w / energy, "s", color=VERMILION, ms=5, label="thesis, 1/30 to 1/200 s")
-    for light, marker in (("eclipse", "o"), ("sun", "^")):
-        at = dataset.sel(light=light, leds=100)
+    for illumination, marker in (("eclipse", "o"), ("sunlit", "^")):
+        at = dataset.sel(illumination=illumination, leds=100)
         axis.plot(
-            at.exposure_s, at.rate_light, marker, color=COLOURS[4], ms=4, label=f"as needed, {LIGHT_NAMES[light]}"
+            at.exposure_s,
+            at.rate_light,
+            marker,
+            color=COLOURS[4],
+            ms=4,
+            label=f"as needed, {ILLUMINATION_NAMES[illumination]}",
         )
     axis.set(xlabel="exposure [s]", ylabel="frame rate [1/s]", ylim=(0.2, 1e7))
     axis.legend(fontsize=8, loc="upper right")
@@ -51,12 +56,12 @@ def rate_over_exposure(dataset: xr.Dataset, scenario: Scenario, plan: PowerPlan)
 def over_range(dataset: xr.Dataset, scenario: Scenario, plan: PowerPlan) -> Any:
     """Exposure, frame rates and turn between frames over range."""
     figure, axes = new_figure(1, 3, (9.0, 3.2))
-    for light, colour in (("eclipse", BLUE), ("sun", VERMILION)):
-        at = dataset.sel(light=light, leds=100)
-        name = LIGHT_NAMES[light]
+    for illumination, colour in (("eclipse", BLUE), ("sunlit", VERMILION)):
+        at = dataset.sel(illumination=illumination, leds=100)
+        name = ILLUMINATION_NAMES[illumination]
         axes[0, 0].semilogy(at.range_m, 1e6 * at.exposure_s, color=colour, marker="o", label=name)
         axes[0, 1].semilogy(at.range_m, at.rate_light, color=colour, marker="o", label=f"LEDs alone, {name}")
-    at = dataset.sel(light="eclipse", leds=100)
+    at = dataset.sel(illumination="eclipse", leds=100)
     axes[0, 1].semilogy(at.range_m, at.rate, color=BLACK, ls="--", label="camera's readout")
     axes[0, 1].axhline(1.19, color=VERMILION, ls=":", label="thesis, 1/50 s")
     focal, lever = max(scenario.camera.focal_px), scenario.target.tumble_lever_m

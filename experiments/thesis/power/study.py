@@ -38,19 +38,19 @@ def run(scenario: Scenario, plan: PowerPlan, quick: bool = False) -> xr.Dataset:
     processor; duty; power_w drawn at that rate; turn_deg and swing_px from frame to frame; smear_px; signal of full well.
     """
     ranges = QUICK_RANGES_M if quick else RANGES_M
-    lights = tuple(chain.LIGHTS_ON)
-    shape = (len(lights), len(LED_COUNTS), len(ranges))
+    illuminations = tuple(chain.SOURCES)
+    shape = (len(illuminations), len(LED_COUNTS), len(ranges))
     exposure, smear, filled = np.zeros(shape), np.zeros(shape), np.zeros(shape)
     for i, j, k in np.ndindex(shape):
         leds = scenario.leds.model_copy(update={"count": LED_COUNTS[j]})
         here = scenario.at(range_m=ranges[k], leds=leds.model_dump())
-        budget = chain.link_budget(here, lights[i])
-        exposure[i, j, k] = chain.exposure_s(here, budget, "auto")
+        budget = chain.link_budget(here, illuminations[i])
+        exposure[i, j, k] = chain.solve_exposure(here, budget, "auto")
         charge = budget.at(float(exposure[i, j, k]))
         smear[i, j, k], filled[i, j, k] = charge["smear_px"], charge["full_well_fraction"]
     counts = np.array(LED_COUNTS)[None, :, None]
     energy = scenario.leds.energy_per_frame_j(exposure) / scenario.leds.count * counts
-    by_light = link.frames_per_second(plan.limit_w, energy, exposure, scenario.leds.duty_max)
+    by_illumination = link.frames_per_second(plan.limit_w, energy, exposure, scenario.leds.duty_max)
     by_power, rate = np.zeros(shape), np.zeros(shape)
     for j, count in enumerate(LED_COUNTS):
         leds = scenario.leds.model_copy(update={"count": count})
@@ -59,12 +59,16 @@ def run(scenario: Scenario, plan: PowerPlan, quick: bool = False) -> xr.Dataset:
     turn = scenario.target.tumble_deg_s / rate
     focal = max(scenario.camera.focal_px)
     swing = swing_px(focal, scenario.target.tumble_lever_m, np.array(ranges), np.radians(turn))
-    dims = ("light", "leds", "range_m")
+    dims = ("illumination", "leds", "range_m")
     values = {
         "exposure_s": (exposure, "s", "exposure and LED pulse"),
         "full_well_fraction": (filled, "1", "bright bits over full well"),
         "energy_j": (energy, "J", "electrical energy of one frame's pulse"),
-        "rate_light": (by_light, "s-1", "frames a second of the illumination alone under the limit, equation 6.10"),
+        "rate_light": (
+            by_illumination,
+            "s-1",
+            "frames a second of the illumination alone under the limit, equation 6.10",
+        ),
         "rate_power": (by_power, "s-1", "frames a second under the limit, with driver and camera"),
         "rate": (rate, "s-1", "frames a second, bounded by readout and processor"),
         "duty": (rate * exposure, "1", "share of time the LEDs are on"),
@@ -75,7 +79,7 @@ def run(scenario: Scenario, plan: PowerPlan, quick: bool = False) -> xr.Dataset:
     }
     data = {k: (dims, v, {"units": unit, "long_name": name}) for k, (v, unit, name) in values.items()}
     coordinates = {
-        "light": list(lights),
+        "illumination": list(illuminations),
         "leds": list(LED_COUNTS),
         "range_m": ("range_m", list(ranges), {"units": "m"}),
     }
@@ -104,17 +108,17 @@ def thesis_rows(scenario: Scenario, plan: PowerPlan) -> list[tuple[str, ...]]:
 def range_rows(dataset: xr.Dataset) -> list[tuple[str, ...]]:
     """Heading, then one row a light, number of LEDs and range."""
     rows: list[tuple[str, ...]] = [
-        ("light", "LEDs", "range [m]", "exposure [µs]", "energy [mJ]", "frames/s, LEDs alone", "frames/s",
+        ("illumination", "LEDs", "range [m]", "exposure [µs]", "energy [mJ]", "frames/s, LEDs alone", "frames/s",
          "power [W]", "duty [ppm]", "turn [deg]", "swing [px]", "smear [px]"),
     ]  # fmt: skip
-    for light in dataset.light.values:
+    for illumination in dataset.illumination.values:
         for count in dataset.leds.values:
             for range_m in dataset.range_m.values:
-                at = dataset.sel(light=light, leds=count, range_m=range_m)
+                at = dataset.sel(illumination=illumination, leds=count, range_m=range_m)
                 values = (1e6 * at.exposure_s, 1e3 * at.energy_j, at.rate_light, at.rate, at.power_w, 1e6 * at.duty)
                 motion = (at.turn_deg, at.swing_px, at.smear_px)
                 cells = tuple(f"{float(v):.3g}" for v in (*values, *motion))
-                rows.append((str(light), str(count), f"{range_m:g}", *cells))
+                rows.append((str(illumination), str(count), f"{range_m:g}", *cells))
     return rows
 
 
@@ -140,7 +144,7 @@ def statements(dataset: xr.Dataset, scenario: Scenario, plan: PowerPlan) -> list
     pulse = 1 / 50
     energy = float(scenario.leds.energy_per_frame_j(pulse))
     alone = plan.limit_w / energy
-    far = dataset.sel(light="eclipse", leds=100).isel(range_m=-1)
+    far = dataset.sel(illumination="eclipse", leds=100).isel(range_m=-1)
     listed_w = float(scenario.leds.energy_per_frame_j(1e-3)) * 30
     tumble = scenario.target.tumble_deg_s
     rate_error = [float(np.degrees(turn_rate_deviation(ATTITUDE_RAD, r, WATCH_S))) for r in (alone, float(far.rate))]

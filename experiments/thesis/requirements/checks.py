@@ -106,7 +106,7 @@ def _closing(evidence: Evidence) -> str:
     return f"{first}: {len(closes)} of {total} rendered cases close from 1 to 20 m (mantis close)"
 
 
-def light(evidence: Evidence) -> Finding:
+def illumination(evidence: Evidence) -> Finding:
     """SYS-REQ-3: with on/off pairs every phase angle at which the Sun can shine on the marker past the chaser."""
     records = [r for r in evidence.records("glare.csv") if r["mode"] == "pair"]
     # The chaser's body, 1 m wide, keeps the Sun off the marker within this phase angle.
@@ -279,7 +279,7 @@ def flat(evidence: Evidence) -> Finding:
 CHECKS: Mapping[str, Callable[[Evidence], Finding]] = {
     "SYS-REQ-1": angle,
     "SYS-REQ-2": reach,
-    "SYS-REQ-3": light,
+    "SYS-REQ-3": illumination,
     "SYS-REQ-4": accuracy,
     "SYS-REQ-5": pace,
     "SYS-REQ-6": side,

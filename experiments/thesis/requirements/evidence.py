@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from detector.detect import detect_features
+from detector.features import find_features
 from detector.pattern.pattern import Pattern, homography, kernel_sigma_px
 from detector.pose.pose import solve_pose
 from detector.sensor.noise import NoiseModel
@@ -91,6 +91,6 @@ class Evidence:
         spent = []
         for _ in range(repeats + 1):
             start = time.perf_counter()
-            solve_pose(detect_features(image, marker, camera, noise), marker, camera)
+            solve_pose(find_features(image, marker, camera, noise), marker, camera)
             spent.append(time.perf_counter() - start)
         return float(np.median(spent[1:]))  # the first one compiles

@@ -121,7 +121,7 @@ def believed(scenario: Scenario, run: Run) -> Design:
         return designed
     from experiments.studies.shared.calibrations import elements_from_images, rendered_views
 
-    at = scenario.at(range_m=run.range_m, marker=designed.model_dump(), light="eclipse")
+    at = scenario.at(range_m=run.range_m, marker=designed.model_dump(), illumination="eclipse")
     images, _, near = rendered_views(at, built.element_offsets_m)
     return elements_from_images(images, near).marker(designed)
 
@@ -139,7 +139,7 @@ def cropped(scenario: Scenario, run: Run) -> Scenario:
         crop[key] = min(full, full % 2 + 2 * int(np.ceil(reach)))
     marker = shown if isinstance(shown, MarkerDesign) else scenario.marker
     return scenario.at(
-        range_m=run.range_m, camera={**camera.model_dump(), **crop}, marker=marker.model_dump(), light="eclipse"
+        range_m=run.range_m, camera={**camera.model_dump(), **crop}, marker=marker.model_dump(), illumination="eclipse"
     )
 
 
@@ -160,4 +160,4 @@ def exposure_s(scenario: Scenario, run: Run) -> float:
     frontal = scenario.at(
         range_m=run.range_m, target={**scenario.target.model_dump(), "pitch_deg": 0.0, "yaw_deg": 0.0}
     )
-    return chain.exposure_s(frontal, chain.link_budget(frontal, "eclipse"), frontal.exposure_s)
+    return chain.solve_exposure(frontal, chain.link_budget(frontal, "eclipse"), frontal.exposure_s)

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from detector.detect import Features
+from detector.features import Features
 from experiments import chain
-from experiments.reporting import detection as sighting
+from experiments.reporting import detection
 from experiments.reporting.files import write_png
 from experiments.scenario import Scenario
 from scenes.marker import ELEMENT_NAMES
@@ -21,13 +21,13 @@ KEYS = {"detected", "id", "corners_px", "blobs_px", "virtual_points_px", "pose",
 
 
 @pytest.fixture(scope="module")
-def seen(small: Scenario, small_basis: TransportBasis) -> chain.Sighting:
-    rate = chain.electron_rate(small, small_basis, "sun")
-    return chain.look(small, chain.take_frame(small, rate, "sun", 5e-7).dn)
+def seen(small: Scenario, small_basis: TransportBasis) -> chain.Detection:
+    rate = chain.electron_rate(small, small_basis, "sunlit")
+    return chain.detect(small, chain.expose(small, rate, "sunlit", 5e-7).dn)
 
 
-def test_a_record_is_plain_data_of_the_documented_shape(small: Scenario, seen: chain.Sighting) -> None:
-    record = sighting.as_record(seen)
+def test_a_record_is_plain_data_of_the_documented_shape(small: Scenario, seen: chain.Detection) -> None:
+    record = detection.as_record(seen)
     assert json.loads(json.dumps(record, allow_nan=False)) == record
     assert set(record) == KEYS
     assert record["detected"] is True
@@ -43,29 +43,29 @@ def test_a_record_is_plain_data_of_the_documented_shape(small: Scenario, seen: c
 
 
 def test_an_empty_image_is_recorded_with_a_reason(small: Scenario) -> None:
-    record = sighting.as_record(chain.look(small, np.full((160, 160), 64, np.uint16)))
+    record = detection.as_record(chain.detect(small, np.full((160, 160), 64, np.uint16)))
     assert set(record) == KEYS
     assert (record["detected"], record["id"], record["corners_px"], record["pose"]) == (False, None, None, None)
     assert record["blobs_px"] == dict.fromkeys(ELEMENT_NAMES)
     assert record["reason"]
 
 
-def test_words_name_marker_position_and_tilt_or_the_reason(small: Scenario, seen: chain.Sighting) -> None:
-    text = "\n".join(sighting.describe(seen))
+def test_words_name_marker_position_and_tilt_or_the_reason(small: Scenario, seen: chain.Detection) -> None:
+    text = "\n".join(detection.describe(seen))
     assert "Marker 0, corners" in text
     assert "Position" in text
     assert "Tilt" in text
-    blind = chain.look(small, np.full((160, 160), 64, np.uint16))
-    assert sighting.describe(blind) == [f"Not detected: {blind.features.reason}"]
+    blind = chain.detect(small, np.full((160, 160), 64, np.uint16))
+    assert detection.describe(blind) == [f"Not detected: {blind.features.reason}"]
 
 
-def test_features_without_a_pose_say_so(seen: chain.Sighting) -> None:
-    blind = chain.Sighting(seen.features, None)
+def test_features_without_a_pose_say_so(seen: chain.Detection) -> None:
+    blind = chain.Detection(seen.features, None)
     assert isinstance(seen.features, Features)
-    record = sighting.as_record(blind)
+    record = detection.as_record(blind)
     assert record["pose"] is None
     assert "no pose" in record["reason"]
-    assert "No pose" in sighting.describe(blind)[-1]
+    assert "No pose" in detection.describe(blind)[-1]
 
 
 @pytest.mark.parametrize("distorted", [False, True], ids=["ideal lens", "distorted lens"])
@@ -76,9 +76,9 @@ def test_an_on_off_pair_of_files_is_seen_as_its_difference(
     """With and without the noise known: frames in the sensor's numbers, and those stretched by some other camera."""
     lens = ("camera.k1=-0.05",) if distorted else ()
     camera = small.changed(*lens)
-    bare = chain.electron_rate(small, small_basis, "sun") - chain.electron_rate(small, small_basis, "eclipse")
-    rates = {"on": chain.electron_rate(small, small_basis, "sun"), "off": np.maximum(bare, 0.0)}
-    frames = {name: chain.take_frame(small, rate, "sun", 5e-7, k).dn for k, (name, rate) in enumerate(rates.items())}
+    bare = chain.electron_rate(small, small_basis, "sunlit") - chain.electron_rate(small, small_basis, "eclipse")
+    rates = {"on": chain.electron_rate(small, small_basis, "sunlit"), "off": np.maximum(bare, 0.0)}
+    frames = {name: chain.expose(small, rate, "sunlit", 5e-7, k).dn for k, (name, rate) in enumerate(rates.items())}
     seen = {}
     for kind, stretch in (("own", 1), ("stretched", 16)):
         images = {name: (frame * stretch).astype(np.uint16) for name, frame in frames.items()}
@@ -93,12 +93,12 @@ def test_an_on_off_pair_of_files_is_seen_as_its_difference(
         status, out, error = mantis("detect", tmp_path / "on.png", "--off", tmp_path / "off.png", "--json", *overrides)
         assert (status, error) == (0, "")
         seen[kind] = json.loads(out)
-        expected = sighting.as_record(chain.look(camera, images["on"], images["off"]))
+        expected = detection.as_record(chain.detect(camera, images["on"], images["off"]))
         np.testing.assert_allclose(seen[kind]["corners_px"], expected["corners_px"], atol=1e-9)
         truth = chain.view(small).to_image(small.marker.corners_m)
         assert np.abs(np.array(seen[kind]["corners_px"]) - truth).max() < (0.5 if distorted else 0.05)
         assert not np.array_equal(
-            seen[kind]["corners_px"], sighting.as_record(chain.look(camera, images["on"]))["corners_px"]
+            seen[kind]["corners_px"], detection.as_record(chain.detect(camera, images["on"]))["corners_px"]
         )
     np.testing.assert_allclose(seen["own"]["corners_px"], seen["stretched"]["corners_px"], atol=0.02)
 
@@ -106,4 +106,4 @@ def test_an_on_off_pair_of_files_is_seen_as_its_difference(
 def test_an_off_frame_of_another_kind_is_refused(small: Scenario) -> None:
     on = np.full((160, 160), 64, np.uint16)
     with pytest.raises(ValueError, match="off: 160×160 px of uint8; expected 160×160 px of uint16"):
-        chain.look(small, on, on.astype(np.uint8))
+        chain.detect(small, on, on.astype(np.uint8))

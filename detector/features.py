@@ -1,0 +1,187 @@
+"""Features of a Mantis Marker in one frame: identity, corners, blobs and virtual points, each with its uncertainty."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from detector.elements.blobs import Blob, find_blobs
+from detector.pattern.candidates import search
+from detector.pattern.corners import PatternFit, fit_pattern, refined
+from detector.pattern.decode import MIN_CORRELATION, MIN_OTHER, Decoder, decoder_of, has_ring
+from detector.pattern.pattern import CLEARANCE, KNOWING_REACH, kernel_sigma_px, project
+from detector.sensor.noise import NoiseModel, estimate_noise
+from radiometry.geometry import FloatArray
+from radiometry.optics import Camera
+from scenes.marker import ELEMENT_NAMES, MarkerDesign
+
+#: A quadrilateral is worth a fit where no other identity's correlation is better by more than this. Here and below: chosen
+#: between what markers and marker-free frames show.
+SLACK = 0.02
+#: Accepted when the pattern leaves at most this part of the light's variance unexplained by noise,
+MAX_UNEXPLAINED = 0.15
+#: when it stands out of the noise by this many standard deviations, all pixels together,
+MIN_SIGNIFICANCE = 12.0
+#: and when no other identity's or turn's correlation comes as near as this.
+MIN_LEAD = 0.02
+
+
+@dataclass(frozen=True)
+class Features:
+    """What was found of a marker in an image. Pixel centres lie at integer coordinates (column, row)."""
+
+    identity: int | None
+    """Decoded identity; another than the marker's where only such a one was seen."""
+    corners_px: FloatArray | None
+    """Corners of the ArUco square, (4, 2), the marker's top left first, clockwise [px]."""
+    corners_covariance_px2: FloatArray | None
+    """Covariance of each corner, (4, 2, 2) [px²]."""
+    blobs_px: dict[str, FloatArray | None]
+    """Blob of each element, by name: its point on the element's centre line in the front plane, (2,) [px]."""
+    blob_sigma_px: dict[str, float]
+    """Standard deviation of each found blob along its element [px]."""
+    virtual_points_px: dict[str, FloatArray]
+    """Images (2,) of the virtual points whose two blobs were found, by `MarkerDesign.virtual_points_m` key [px]."""
+    reason: str | None
+    """What is missing and why, in one line; None when everything was found."""
+    joint_covariance_px2: FloatArray | None = field(default=None, repr=False)
+    """Covariance of all eight corner coordinates x0, y0, x1, ..., (8, 8) [px²]."""
+
+    @property
+    def detected(self) -> bool:
+        """True where the marker was decoded with the right identity and its corners were found."""
+        return self.corners_px is not None
+
+    @property
+    def corner_covariance_px2(self) -> FloatArray:
+        """Covariance of all eight corner coordinates (8, 8) [px²]; block by block where their correlation is not known."""
+        if self.joint_covariance_px2 is not None:
+            return self.joint_covariance_px2
+        assert self.corners_covariance_px2 is not None
+        covariance = np.zeros((8, 8))
+        for k, block in enumerate(self.corners_covariance_px2):
+            covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = block
+        return covariance
+
+
+def find_features(
+    image: ArrayLike,
+    marker: MarkerDesign,
+    camera: Camera,
+    noise: NoiseModel | None = None,
+    light_ring_m: float | None = None,
+) -> Features:
+    """Find the marker and measure its corners and blobs.
+
+    `image`: (H, W) digital numbers or electrons, integer or real, any bit depth. `camera` gives the point spread and,
+    for the slits' perspective, the focal length. `noise` is estimated from the image where it is not given.
+    `light_ring_m`: radius of the ring of lights around the lens, 0 for light from the lens itself, None where it is not known:
+    light from the side shifts what the slits show at short range.
+    Raises ValueError for an image that is not two-dimensional or holds non-finite values.
+    """
+    frame = _checked(image)
+    noise = noise or estimate_noise(frame)
+    sigma_px = kernel_sigma_px(camera.psf_sigma_px)
+    found, other = _find_pattern(frame, marker, sigma_px, noise)
+    if found is None:
+        seen = f"only identity {other} seen" if other is not None else "no marker found"
+        return Features(other, None, None, dict.fromkeys(ELEMENT_NAMES), {}, {}, seen)
+    blobs = find_blobs(frame, found, marker, camera, sigma_px, noise, light_ring_m)
+    found = _refined(found, frame, marker, blobs, sigma_px, noise)
+    good = {name: blob for name, blob in blobs.items() if isinstance(blob, Blob)}
+    missing = [f"{name} blob: {why}" for name, why in blobs.items() if isinstance(why, str)]
+    virtual = _virtual_points(found, good, marker.aruco_m / 2)
+    joint = found.covariance_px2
+    return Features(
+        identity=marker.identity,
+        corners_px=found.corners_px,
+        corners_covariance_px2=np.array([joint[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] for k in range(4)]),
+        blobs_px={name: good[name].position_px if name in good else None for name in ELEMENT_NAMES},
+        blob_sigma_px={name: blob.sigma_px for name, blob in good.items()},
+        virtual_points_px=virtual,
+        reason="; ".join(missing) or None,
+        joint_covariance_px2=joint,
+    )
+
+
+def _refined(
+    fit: PatternFit,
+    frame: np.ndarray,
+    marker: MarkerDesign,
+    blobs: dict[str, Blob | str],
+    sigma_px: float,
+    noise: NoiseModel,
+) -> PatternFit:
+    """The fit with what the dark parts of the elements add to it, where they are close enough to the ring."""
+    pattern = decoder_of(marker).pattern
+    side_px = max(math.dist(fit.corners_px[k], fit.corners_px[k - 1]) for k in range(4))
+    if (marker.gap_fraction - marker.ring_fraction) * side_px > (KNOWING_REACH + CLEARANCE) * sigma_px:
+        return fit
+    lit, half = pattern.openings.copy(), marker.aruco_m / 2
+    for opening, name in zip(lit, ELEMENT_NAMES, strict=True):
+        blob = blobs[name]
+        if isinstance(blob, Blob):
+            along = opening[:2] if name in ("top", "bottom") else opening[2:]
+            along[0] = max(along[0], (blob.offset_m - blob.half_width_m) / half)
+            along[1] = min(along[1], (blob.offset_m + blob.half_width_m) / half)
+    return refined(fit, frame, pattern, lit, sigma_px, noise)
+
+
+def _virtual_points(fit: PatternFit, blobs: dict[str, Blob], half_m: float) -> dict[str, FloatArray]:
+    """Images of the virtual points: lines through two blobs along the slats cross, in the front plane, right above them."""
+    pairs = [(h, v) for h in ("top", "bottom") for v in ("right", "left") if h in blobs and v in blobs]
+    if not pairs:
+        return {}
+    crossings = np.array([(blobs[h].offset_m, blobs[v].offset_m) for h, v in pairs]) / half_m
+    return dict(zip([f"{h}_{v}" for h, v in pairs], project(fit.matrix, crossings), strict=True))
+
+
+def _checked(image: ArrayLike) -> np.ndarray:
+    frame = np.asarray(image)
+    if frame.ndim != 2 or min(frame.shape) < 16:
+        raise ValueError(f"image: shape {frame.shape}, expected (H, W) of at least 16 × 16 pixels")
+    if not (np.issubdtype(frame.dtype, np.integer) or np.issubdtype(frame.dtype, np.floating)):
+        raise ValueError(f"image: dtype {frame.dtype}, expected integer or real numbers")
+    if not np.isfinite(frame).all():
+        raise ValueError("image: holds NaN or infinity, expected finite values")
+    return frame
+
+
+def _find_pattern(
+    frame: np.ndarray, marker: MarkerDesign, sigma_px: float, noise: NoiseModel
+) -> tuple[PatternFit | None, int | None]:
+    """Fit of the first candidate that bears the marker's pattern, else None and another identity that was seen."""
+    decoder = decoder_of(marker)
+    other = None
+    for quad, blur_px in search(frame, noise):
+        if not has_ring(frame, quad, decoder.pattern, noise.read_noise_dn):
+            continue
+        decoded = decoder.decode(frame, quad, sigma_px, noise)
+        if decoded is None:
+            continue
+        first, own = decoded
+        if own.correlation >= max(MIN_CORRELATION, first.correlation - SLACK):
+            fit = _accepted(frame, decoder, np.roll(quad, -own.turn, axis=0), sigma_px, noise, blur_px)
+            if fit is not None:
+                return fit, None
+        elif other is None and first.identity != marker.identity and first.correlation > MIN_OTHER:
+            stranger = decoder_of(marker.model_copy(update={"identity": first.identity}))
+            if _accepted(frame, stranger, np.roll(quad, -first.turn, axis=0), sigma_px, noise, blur_px) is not None:
+                other = first.identity
+    return None, other
+
+
+def _accepted(
+    frame: np.ndarray, decoder: Decoder, corners_px: FloatArray, sigma_px: float, noise: NoiseModel, blur_px: float
+) -> PatternFit | None:
+    """Fit of the decoder's marker from approximate corners, where the pattern explains the light and no other one nearly does."""
+    fit = fit_pattern(frame, decoder.pattern, corners_px, sigma_px, noise, blur_px)
+    if fit is None or fit.unexplained > MAX_UNEXPLAINED or fit.significance < MIN_SIGNIFICANCE:
+        return None
+    checked = decoder.decode(frame, fit.corners_px, sigma_px, noise)
+    if checked is None or checked[1].turn != 0 or checked[1].correlation <= checked[1].rival + MIN_LEAD:
+        return None
+    return fit
