@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from detector.features import Features
 from detector.sensor.sensor import Sensor, usable_well_electrons
-from experiments.chain.detection import look, pose_errors
+from experiments.chain.detection import detect, pose_errors
 from experiments.chain.exposure import expose
 from experiments.chain.link_budget import LinkBudget
 from experiments.chain.view import view
@@ -132,7 +132,7 @@ def _draw_exposure(
         frame = expose(scenario, rate, illumination, seconds, trial).dn
         first = frame if first is None else first
         signal[trial], background[trial] = _electrons(sensor, frame[bright]), _electrons(sensor, frame[dark])
-        detections.append(look(scenario, frame))
+        detections.append(detect(scenario, frame))
     assert first is not None
     errors = np.array([pose_errors(scenario, s.pose) for s in detections])
     found = np.array([s.features.detected for s in detections])

@@ -85,7 +85,7 @@ def test_values_of_transport_snap_and_live_ones_do_not(base):
     ("query", "words"),
     [
         ("rnage_m=2", "rnage_m: not a control"), ("range_m=near", "range_m: 'near', expected a number [m]"),
-        ("range_m=99", "range_m: 99, expected 2 to 3 [m]"), ("light=dawn", "light: 'dawn', expected one of eclipse, sun"),
+        ("range_m=99", "range_m: 99, expected 2 to 3 [m]"), ("illumination=dawn", "illumination: 'dawn', expected one of eclipse, sunlit"),
         ("exposure_s=nan", "expected a number [s]"),
     ],
 )  # fmt: skip
@@ -324,7 +324,7 @@ def test_the_server_answers_pages_states_and_mistakes(server, explorer):
     assert b"intensity_w_sr = 1.75" in body
     for path, expected in (
         ("/answer?range_m=far", 400),
-        ("/scenario.toml?light=x", 400),
+        ("/scenario.toml?illumination=x", 400),
         ("/../etc/passwd", 404),
         ("/nothing", 404),
     ):

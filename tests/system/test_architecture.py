@@ -86,7 +86,7 @@ def test_closed_form_and_detector_load_no_renderer_through_others() -> None:
 def test_command_line_starts_without_anything_heavy() -> None:
     """Rationale: `mantis --help` must answer at once, so parsing may load neither renderer nor numerics."""
     found = loaded(
-        "from experiments import cli\n"
+        "from experiments.cli import main as cli\n"
         "assert cli.main(['--help']) == 0\n"
         "for verb in list(cli.mantis.commands): assert cli.main([verb, '--help']) == 0, verb"
     )

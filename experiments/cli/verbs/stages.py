@@ -42,7 +42,7 @@ def doctor(as_json: bool) -> None:
 @SCENARIO
 @click.option("--quick", is_flag=True, help="Fewer ranges, noise draws and rays: a first look within 40 s.")
 @click.option(
-    "--require", metavar="CONDITION", help="'closes' or LIGHT:RANGE, say eclipse:10; exit status 4 where it is not met."
+    "--require", metavar="CONDITION", help="'closes' or ILLUMINATION:RANGE, say eclipse:10; exit status 4 where it is not met."
 )
 @click.option("--workers", type=click.IntRange(1), help="Processes for the noise draws; default one a core.")
 @shared_options
@@ -94,7 +94,7 @@ def _parse_requirement(require: str | None, scenario: Any) -> tuple[str, float] 
     except ValueError:
         range_m = float("nan")
     if illumination not in scenario.budget.illuminations or not range_m > 0:
-        raise click.UsageError(f"--require {require}: expected 'closes' or LIGHT:RANGE in metres, say eclipse:10")
+        raise click.UsageError(f"--require {require}: expected 'closes' or ILLUMINATION:RANGE in metres, say eclipse:10")
     nearest, furthest = scenario.budget.ranges_m[0], scenario.budget.ranges_m[-1]
     if not nearest <= range_m <= furthest:
         raise click.UsageError(f"--require {require}: budget.ranges_m judges {nearest:g} to {furthest:g} m only")

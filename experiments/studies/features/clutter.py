@@ -10,6 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from detector.features import find_features
+from detector.sensor.noise import noise_of
 from detector.sensor.sensor import expose
 from experiments import chain
 from experiments.chain.executor import pool
@@ -51,7 +52,7 @@ def false_markers(batch: Batch) -> tuple[int, int]:
         rate = _turned(batch.rates, rng) if batch.rates is not None else _drawn(batch.kind, batch.scenario, rng)
         level = np.exp(rng.uniform(*np.log(LEVELS))) * sensor.full_well_electrons
         frame = expose(sensor, rate * (level / max(float(np.median(rate)), 1e-3 * float(rate.max()))), 1.0, rng).dn
-        noise, ring_m = chain.noise_model(batch.scenario, frame), batch.scenario.leds.ring_radius_m
+        noise, ring_m = noise_of(batch.scenario.sensor, frame), batch.scenario.leds.ring_radius_m
         found = find_features(frame, marker, camera, noise, ring_m)
         own += found.detected
         other += not found.detected and found.identity is not None

@@ -26,7 +26,7 @@ from scenes.projection.visible import visible_tape
 
 MODELS = ("printed", "repaired", "full")
 #: Sources by illumination. The thesis's sunlit case has its LEDs on; "sun alone" is the frame without them.
-LIGHTS: dict[str, tuple[str, ...]] = {"eclipse": (LED,), "sun": (LED, SUN), "sun alone": (SUN,)}
+LIGHTS: dict[str, tuple[str, ...]] = {"eclipse": (LED,), "sunlit": (LED, SUN), "sun alone": (SUN,)}
 #: Label -> full beam angle [deg] and exposure [s] of the thesis's figures 6.3 and 6.4; 'auto' is each model's own.
 EXPOSURES: dict[str, tuple[float, float | str]] = {
     "1/30 s": (16.0, 1 / 30),

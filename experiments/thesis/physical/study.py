@@ -16,7 +16,7 @@ import xarray as xr
 from scipy.ndimage import gaussian_filter
 
 from detector.rectify import ideal_camera, rectified
-from detector.sensor.noise import NoiseModel
+from detector.sensor.noise import NoiseModel, noise_of
 from detector.sensor.sensor import expose
 from experiments import chain
 from experiments.chain.executor import pool
@@ -82,7 +82,7 @@ class Eye:
     def shots(self, dn: np.ndarray, view: View, off_dn: np.ndarray | None = None) -> Iterator[tuple[LabShot, Truth]]:
         """The frame, less one without LEDs if given, rectified by the calibration, full and scaled; truth in its pixels."""
         marker, ring = self.scenario.marker, view.leds.ring_radius_m
-        noise = chain.noise_model(self.scenario, dn)
+        noise = noise_of(self.scenario.sensor, dn)
         assert isinstance(noise, NoiseModel)
         if off_dn is not None:
             dn, noise = _difference(dn, off_dn, noise)

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from detector.sensor.noise import NoiseModel
+from detector.sensor.noise import NoiseModel, noise_of
 from detector.sensor.sensor import expose
 from detector.version import code_version as detector_version
 from experiments import chain
@@ -76,7 +76,7 @@ def look(batch: Batch) -> FloatArray:
     for k, (view, rate) in enumerate(zip(batch.views, batch.rates, strict=True)):
         rng = np.random.default_rng((*batch.key, batch.first + k))
         image = expose(sensor, _whole(rate, camera), batch.seconds, rng).dn
-        noise = chain.noise_model(batch.scenario, image)
+        noise = noise_of(batch.scenario.sensor, image)
         assert isinstance(noise, NoiseModel)
         truth = Truth(batch.design, view)
         shot = Shot(image, batch.believed, view.camera, noise, view.leds.ring_radius_m, truth.points_px)
