@@ -115,7 +115,7 @@ def link_budget(scenario: Scenario, illumination: str, mean_rate: float | None =
         signal, background = (float(stray.veiled(v, camera.veiling_glare, mean_rate)) for v in (signal, background))
     if illumination == "sunlit" and camera.point_source_transmittance:
         signal, background = (v + sun_stray_rate(scenario) for v in (signal, background))
-    speed = np.radians(scenario.target.tumble_deg_s) * scenario.target.tumble_lever_m
+    speed = scenario.target.tumble_speed_m_s
     return LinkBudget(
         scenario.sensor,
         signal,

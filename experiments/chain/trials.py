@@ -6,7 +6,7 @@ A case is a scenario's geometry, an illumination and an exposure. Every study th
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,14 +17,12 @@ from detector.sensor.sensor import Sensor, usable_well_electrons
 from experiments.chain.detection import detect, pose_errors
 from experiments.chain.exposure import expose
 from experiments.chain.link_budget import LinkBudget
+from experiments.chain.statistics import percentile
 from experiments.chain.view import view
 from experiments.scenario import Scenario
 from radiometry.geometry import FloatArray
 from radiometry.thesis import PrintedModel
 from scenes.projection.bits import bit_pixels
-
-#: Reports progress: cases done, cases in all, what is being worked on.
-Progress = Callable[[int, int, str], None]
 
 #: Rows and columns of some pixels.
 Pixels = tuple[NDArray[np.intp], NDArray[np.intp]]
@@ -144,8 +142,8 @@ def _draw_exposure(
             **_noise_statistics(signal, background, saturated),
             "saturated_fraction": saturated,
             "detected_fraction": float(found.mean()),
-            "attitude_error_p95_deg": _percentile95(np.degrees(errors[:, 0])),
-            "range_error_p95": _percentile95(errors[:, 1]),
+            "attitude_error_p95_deg": percentile(np.degrees(errors[:, 0]), 95),
+            "range_error_p95": percentile(errors[:, 1], 95),
         },
         found, np.degrees(errors[:, 0]), errors[:, 1], np.mean(stated, axis=0) if stated else np.full((6, 6), np.nan),
         _reason([s.features.reason for s in detections]), first, detections[0].features,
@@ -168,12 +166,6 @@ def _reason(reasons: Sequence[str | None]) -> str:
 
 def _index(pixels: BitPixels) -> Pixels:
     return np.concatenate([p[0] for p in pixels]), np.concatenate([p[1] for p in pixels])
-
-
-def _percentile95(values: FloatArray) -> float:
-    """95th percentile of those that are known; NaN when none is."""
-    known = values[np.isfinite(values)]
-    return float(np.percentile(known, 95)) if len(known) else np.nan
 
 
 def _noise_statistics(signal: FloatArray, background: FloatArray, saturated: float) -> dict[str, float]:

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from detector.features import Features
 from experiments import chain
 from experiments.chain.executor import pool
-from experiments.chain.trials import VARIABLES, Progress, Trials, draw, known_values
+from experiments.chain.progress import Progress
+from experiments.chain.trials import VARIABLES, Trials, draw, known_values
 from experiments.scenario import Scenario
 from radiometry import closure
 from scenes.files import exr

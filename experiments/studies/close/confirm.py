@@ -11,7 +11,8 @@ import numpy as np
 from experiments import chain
 from experiments.chain import trials
 from experiments.chain.executor import pool
-from experiments.chain.trials import Progress, Trials
+from experiments.chain.progress import Progress
+from experiments.chain.trials import Trials
 from experiments.reporting.formatting import ILLUMINATION_NAMES, listed
 from experiments.scenario import Scenario
 from experiments.studies.close.constraints import ConfirmView, Constraints

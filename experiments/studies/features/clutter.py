@@ -14,9 +14,9 @@ from detector.sensor.noise import noise_of
 from detector.sensor.sensor import expose
 from experiments import chain
 from experiments.chain.executor import pool
-from experiments.chain.trials import Progress
+from experiments.chain.progress import Progress
+from experiments.chain.statistics import binomial_interval
 from experiments.scenario import Scenario
-from experiments.studies.features.detection import clopper_pearson
 from radiometry.geometry import FloatArray
 from scenes.marker import MarkerDesign
 
@@ -117,7 +117,7 @@ def middle_of(scenario: Scenario, cut: int = QUARTER) -> Scenario:
 
 def upper_limit(false: int, frames: int) -> float:
     """95 % upper limit of the rate of false markers, one-sided and exact: 3/n where there is none."""
-    return float(clopper_pearson(np.array(float(false)), frames, 0.90)[1])
+    return float(binomial_interval(np.array(float(false)), frames, 0.90)[1])
 
 
 def _seed(scenario: Scenario, *part: int) -> int:
