@@ -18,7 +18,7 @@ Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Fraction = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
 Coefficient = Annotated[float, Field(ge=-100, le=100, allow_inf_nan=False)]
 
-#: Widest point spread that is imaged [px].
+#: Widest point spread in focus that a lens may have [px].
 MAX_SIGMA_PX = 20.0
 
 
@@ -188,35 +188,38 @@ def diffraction_sigma_px(camera: Camera, wavelength_nm: float) -> float:
     return 0.42 * wavelength_nm * 1e-9 * camera.f_number / float(np.sqrt(camera.pixel_area_m2))
 
 
-def blur_sigma_px(camera: Camera, range_m: float, wavelength_nm: float) -> float:
-    """Standard deviation of the lens's Gaussian point spread at a range [px]: √(max(in focus, diffraction)² + defocus²).
+def defocus_px(camera: Camera, range_m: float) -> float:
+    """Diameter of the disc as which the lens images a point at a range [px]; 0 in focus.
 
-    Out of focus the thin lens images a point as a disc of diameter f²/F# · |1/focus − 1/R| (geometrical optics, for distances
-    long against the focal length); a quarter of it is the disc's root mean square along each axis, which the Gaussian takes over.
+    Thin lens, geometrical optics, distances long against the focal length: f²/F# · |1/focus − 1/R|. On detectors of unequal
+    pitches a pixel counts by the geometric mean of both.
+    """
+    if camera.focus_m is None:
+        return 0.0
+    circle_m = camera.focal_length_m**2 / camera.f_number * abs(1 / camera.focus_m - 1 / range_m)
+    return float(circle_m / np.sqrt(camera.pixel_area_m2))
+
+
+def blur_sigma_px(camera: Camera, range_m: float, wavelength_nm: float) -> float:
+    """Standard deviation along an axis of the lens's point spread at a range [px]: √(max(in focus, diffraction)² + (d/4)²).
+
+    A quarter of the defocus disc's diameter d is its root mean square along each axis. The closed form takes a Gaussian of this
+    deviation for the disc; frames are drawn with the disc itself (`scenes.render.blur`).
     """
     diffraction = diffraction_sigma_px(camera, wavelength_nm) if camera.psf_sigma_px > 0 else 0.0
     sigma = max(camera.psf_sigma_px, diffraction)
-    if camera.focus_m is None:
-        return sigma
-    circle_m = camera.focal_length_m**2 / camera.f_number * abs(1 / camera.focus_m - 1 / range_m)
-    return float(np.hypot(sigma, circle_m / 4 / np.sqrt(camera.pixel_area_m2)))
+    return float(np.hypot(sigma, defocus_px(camera, range_m) / 4)) if camera.focus_m is not None else sigma
 
 
 def camera_at(camera: Camera, range_m: float, wavelength_nm: float) -> Camera:
     """The camera as it images a range: `psf_sigma_px` is the whole blur there, and everything is in focus.
 
     Raises:
-        ValueError: when the blur exceeds 20 px, or light is gathered from where the distortion folds back.
+        ValueError: when light is gathered from where the distortion folds back.
     """
     sigma = blur_sigma_px(camera, range_m, wavelength_nm)
     if sigma == camera.psf_sigma_px and camera.focus_m is None:
         return camera
-    if sigma > MAX_SIGMA_PX:
-        focus = "everywhere" if camera.focus_m is None else f"{camera.focus_m:g} m"
-        raise ValueError(
-            f"focus_m: focus {focus} at F/{camera.f_number:g} blurs a point at {range_m:g} m with a standard deviation of "
-            f"{sigma:.1f} px; expected at most {MAX_SIGMA_PX:g} px"
-        )
     blurred = camera.model_copy(update={"psf_sigma_px": sigma, "focus_m": None})
     if camera.distorted:
         blurred._reach_tangent()

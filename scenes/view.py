@@ -37,6 +37,9 @@ class View:
     range_m: float
     nodes_nm: tuple[int, ...]
     earth: Earth | None = None
+    #: Diameter of the disc as which the lens images a point of the marker's range [px]; the camera's point spread is the whole
+    #: blur, this disc included.
+    defocus_px: float = 0.0
 
     @property
     def lights(self) -> tuple[str, ...]:

@@ -36,6 +36,7 @@ _CODE = {
     "scenes": ("marker.py", "target.py", "view.py", "projection/regions.py"),
     "scenes/render": (
         "batch.py",
+        "blur.py",
         "carriers.py",
         "density.py",
         "earth.py",
@@ -86,6 +87,7 @@ def key(view: View, quality: Quality, variant: str) -> str:
         **{name: getattr(view, name).model_dump(mode="json") for name in ("marker", "target", "sun")},
         "earth": view.earth and view.earth.model_dump(mode="json", exclude={"albedo"}),
         "range_m": view.range_m,
+        "defocus_px": view.defocus_px,
         "nodes_nm": view.nodes_nm,
         "own_materials": [library.fingerprint(name) for name in view.target.materials if library.is_path(name)],
     }

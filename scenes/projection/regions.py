@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation
+from scipy.ndimage import maximum_filter
 
 from radiometry.geometry import FloatArray
 from scenes.marker import Element, MarkerDesign
@@ -217,7 +217,7 @@ def widened(mask: NDArray[np.bool_], pixels: int) -> NDArray[np.bool_]:
     """A mask and all pixels no further from it than so many along either axis."""
     if pixels == 0 or not mask.any():
         return mask
-    return binary_dilation(mask, np.ones((2 * pixels + 1,) * 2, bool))
+    return np.asarray(maximum_filter(mask, 2 * pixels + 1, mode="constant", cval=False))
 
 
 def edge_normals(view: View) -> FloatArray:

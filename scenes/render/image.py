@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -20,6 +21,7 @@ from scenes.projection.regions import (
     widened,
 )
 from scenes.render import density, lattice
+from scenes.render.blur import Blur
 from scenes.render.carriers import carriers
 from scenes.render.tracer import BLOCK, CHOICES, Segment
 from scenes.view import Quality, TransportBasis, View
@@ -27,9 +29,6 @@ from scenes.view import Quality, TransportBasis, View
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-#: A point spread wider than the first [px] is gathered with the second, and the pixels are blurred by the rest. What a pixel of
-#: that spread cannot carry, frequencies beyond half a cycle a pixel, is then below 1e-4.
-_WIDE_PX, _BASE_PX = 1.2, 0.8
 #: Rays a pixel of the marker's plate, between and around its ArUco and elements.
 _PLATE_RAYS = 16
 #: How often pixels that are too noisy get more rays.
@@ -81,11 +80,10 @@ class ViewImage:
 
     def __init__(self, view: View, quality: Quality) -> None:
         self.view, self.quality = view, quality
-        sigma = view.camera.psf_sigma_px
-        wide = sigma > _WIDE_PX
-        self._sigma, self._blur = (_BASE_PX, float(np.sqrt(sigma**2 - _BASE_PX**2))) if wide else (sigma, 0.0)
+        self._blur = Blur.of(view.camera.psf_sigma_px, view.defocus_px)
+        self._sigma = self._blur.gathered_px
         self._reach = lattice.reach_px(self._sigma)
-        self._canvas = frame_box(view).grown(int(np.ceil(lattice.REACH_SIGMA * self._blur)))
+        self._canvas = frame_box(view).grown(self._blur.reach_px)
         seen = self._canvas.grown(self._reach)
         self._patch = marker_box(view).within(seen)
         self._zone = self._patch.grown(self._reach)
@@ -119,7 +117,7 @@ class ViewImage:
             return []
         seen = marker_pixels(self.view, patch)
         self._pixels = {"aruco": seen.aruco, "blob": seen.blob, "slats": seen.opening & ~seen.blob}
-        reach = self._reach + int(np.ceil(lattice.REACH_SIGMA * self._blur))
+        reach = self._reach + self._blur.reach_px
         masks, taken = {}, np.zeros_like(seen.aruco)
         for name in ("blob", "aruco", "slats"):  # where they meet, the densest counts
             masks[name] = widened(self._pixels[name], reach) & ~taken
@@ -331,11 +329,16 @@ class ViewImage:
         return self._tables[segment]
 
     def _blurred(self, image: Image) -> Image:
-        if not self._blur:
+        if not self._blur.rest_px:
             return image
-        reach = int(np.ceil(lattice.REACH_SIGMA * self._blur))
-        kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / self._blur) ** 2)
-        return _filtered(np.ascontiguousarray(image), kernel / kernel.sum(), kernel / kernel.sum())
+        return np.asarray(
+            cv2.filter2D(np.ascontiguousarray(image), cv2.CV_32F, self._kernel, borderType=cv2.BORDER_CONSTANT),
+            np.float32,
+        )
+
+    @cached_property
+    def _kernel(self) -> Image:
+        return self._blur.kernel()
 
 
 def _filtered(image: Image, across: FloatArray, along: FloatArray) -> Image:

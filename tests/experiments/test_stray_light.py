@@ -107,7 +107,10 @@ def test_features_far_from_the_axis_keep_their_place_and_spread() -> None:
 
 
 def test_defocus_blurs_rendered_and_closed_form_alike() -> None:
-    """At 4 px a bit a disc of 6 px, on a marker that faces the camera; the closed form's stated 1 % and 3 %."""
+    """At 4 px a bit a disc of 6 px, on a marker that faces the camera.
+
+    The closed form takes a Gaussian of the disc's variance for the disc that is drawn: 5 % where the blur spans a bit and a half.
+    """
     far = {"range_m": 1.2, "target": {"yaw_deg": 0.0, "pitch_deg": 0.0, "roll_deg": 0.0}}
     sharp = near(**far, camera={"f_number": 1.4})
     scenario = near(**far, camera={"f_number": 1.4, "focus_m": 0.19})
@@ -115,8 +118,8 @@ def test_defocus_blurs_rendered_and_closed_form_alike() -> None:
     signal, background = bits(scenario, chain.electron_rate(scenario, chain.transport(scenario), "eclipse"))
     budget = chain.link_budget(scenario, "eclipse")
     assert budget.signal_rate < 0.9 * chain.link_budget(sharp, "eclipse").signal_rate
-    assert signal == pytest.approx(budget.signal_rate, rel=0.01)
-    assert background == pytest.approx(budget.background_rate, rel=0.03)
+    assert signal == pytest.approx(budget.signal_rate, rel=0.05)
+    assert background == pytest.approx(budget.background_rate, rel=0.05)
 
 
 def test_focus_and_distortion_are_another_geometry_glare_and_vignetting_are_not() -> None:
@@ -129,9 +132,12 @@ def test_focus_and_distortion_are_another_geometry_glare_and_vignetting_are_not(
     assert chain.geometry_digest(near(earth={})) == chain.geometry_digest(near(earth={"albedo": 0.5}))
 
 
-def test_a_focus_that_cannot_be_imaged_is_refused_in_one_line() -> None:
-    with pytest.raises(ScenarioError, match=r"^camera\.focus_m: focus 20 m at F/2\.8 blurs a point at 0\.05 m[^\n]*$"):
-        load_scenario(overrides=("camera.focus_m=20.0", "range_m=0.05"))
+def test_a_focus_that_blurs_everything_is_no_error_of_the_scenario() -> None:
+    blurred = load_scenario(overrides=("camera.focus_m=20.0", "range_m=0.05"))
+    assert chain.view(blurred).camera.psf_sigma_px > 100
+
+
+def test_a_distortion_that_folds_back_is_refused_in_one_line() -> None:
     with pytest.raises(ScenarioError, match=r"^camera: k1 = -3: this distortion folds[^\n]*$"):
         load_scenario(overrides=("camera.k1=-3", "camera.focal_length_m=5e-3"))
 
