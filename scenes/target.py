@@ -45,6 +45,12 @@ class Target(BaseModel):
     pitch_deg: Annotated[float, Field(ge=-80, le=80)] = Field(0.0, description="tilt about the marker's x axis [deg]")
     yaw_deg: Annotated[float, Field(ge=-80, le=80)] = Field(0.0, description="tilt about the marker's y axis [deg]")
     roll_deg: Annotated[float, Field(ge=-180, le=180)] = Field(0.0, description="turn about the marker's normal [deg]")
+    offset_x_m: Annotated[float, Field(ge=-100, le=100, allow_inf_nan=False)] = Field(
+        0.0, description="marker's place beside the optical axis, to the right in the image [m]"
+    )
+    offset_y_m: Annotated[float, Field(ge=-100, le=100, allow_inf_nan=False)] = Field(
+        0.0, description="marker's place beside the optical axis, downwards in the image [m]"
+    )
     tumble_deg_s: Annotated[float, Field(ge=0, le=360)] = Field(5.0, description="rate of turn, SYS-REQ-5 [deg/s]")
     tumble_lever_m: Annotated[float, Field(ge=0, le=50)] = Field(
         0.57,

@@ -53,8 +53,8 @@ class View:
 
     @cached_property
     def translation_m(self) -> FloatArray:
-        """Marker's origin in the camera frame, (3,) [m]: on the optical axis at the range."""
-        return np.array([0.0, 0.0, self.range_m])
+        """Marker's origin in the camera frame, (3,) [m]: at the range along the optical axis, and as far beside it as the target says."""
+        return np.array([self.target.offset_x_m, self.target.offset_y_m, self.range_m])
 
     @cached_property
     def sun_in_marker(self) -> FloatArray:

@@ -7,6 +7,7 @@ Every study takes these functions from here; each stage can also be run by itsel
 from __future__ import annotations
 
 from detector.sensor.sensor import usable_well_electrons
+from experiments.chain.belief import Belief
 from experiments.chain.case import Case, link_budget, link_budget_beside
 from experiments.chain.detection import Detection, detect, pose_errors
 from experiments.chain.exposure import expose, frame_generator
@@ -21,6 +22,7 @@ from scenes.projection.bits import bit_pixels, bit_scale_px
 
 __all__ = [
     "SOURCES",
+    "Belief",
     "Bits",
     "Case",
     "Detection",

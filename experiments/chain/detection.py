@@ -10,15 +10,17 @@ from numpy.typing import NDArray
 import detector.detect as detector
 from detector.detect import Detection
 from detector.pose.pose import Pose
+from experiments.chain.belief import Belief
 from experiments.chain.view import view
 from experiments.scenario import Scenario
 from radiometry.geometry import rotation_angle
 
 
-def detect(scenario: Scenario, image: NDArray[Any], off: NDArray[Any] | None = None) -> Detection:
-    """Find the scenario's marker in an image (height, width) and solve its pose.
+def detect(belief: Belief, image: NDArray[Any], off: NDArray[Any] | None = None) -> Detection:
+    """Find the believed marker in an image (height, width) and solve its pose.
 
     Args:
+        belief: all that the detector is told; `Belief.of` a scenario.
         off: a frame without the LEDs, taken as the image was: it is subtracted, and the noise of both counts.
 
     Raises:
@@ -26,10 +28,10 @@ def detect(scenario: Scenario, image: NDArray[Any], off: NDArray[Any] | None = N
     """
     return detector.detect(
         image,
-        scenario.marker,
-        view(scenario).camera,
-        sensor=scenario.sensor,
-        led_ring_radius_m=scenario.leds.ring_radius_m,
+        belief.marker,
+        belief.camera,
+        sensor=belief.sensor,
+        led_ring_radius_m=belief.led_ring_radius_m,
         off=off,
     )
 

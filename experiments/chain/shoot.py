@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from detector.detect import Detection
+from experiments.chain.belief import Belief
 from experiments.chain.case import Case
 from experiments.chain.detection import detect, pose_errors
 from experiments.chain.exposure import expose
@@ -49,5 +50,5 @@ def shoot(scenario: Scenario, trial: int = 0) -> Exposure:
     rate = electron_rate(scenario, basis, scenario.illumination)
     seconds = case.exposure_s(scenario.exposure_s, rate)
     frame = expose(scenario, rate, scenario.illumination, seconds, trial).dn
-    seen = detect(scenario, frame)
+    seen = detect(Belief.of(scenario), frame)
     return Exposure(scenario, frame, seconds, seen, *pose_errors(scenario, seen.pose))

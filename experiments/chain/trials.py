@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from detector.features import Features
 from detector.sensor.sensor import Sensor, usable_well_electrons
+from experiments.chain.belief import Belief
 from experiments.chain.case import Case
 from experiments.chain.detection import detect, pose_errors
 from experiments.chain.exposure import expose
@@ -110,7 +111,7 @@ def draws(case: Case, rate: FloatArray, seconds: list[float]) -> Iterator[Trials
 
 
 def _draw_exposure(case: Case, rate: FloatArray, seconds: float, bright: Pixels, dark: Pixels) -> Trials:
-    scenario, sensor = case.scenario, case.scenario.sensor
+    scenario, sensor, belief = case.scenario, case.scenario.sensor, Belief.of(case.scenario)
     trials = scenario.budget.trials
     signal, background = np.empty((trials, len(bright[0]))), np.empty((trials, len(dark[0])))
     detections, first = [], None
@@ -118,7 +119,7 @@ def _draw_exposure(case: Case, rate: FloatArray, seconds: float, bright: Pixels,
         frame = expose(scenario, rate, case.illumination, seconds, trial).dn
         first = frame if first is None else first
         signal[trial], background[trial] = _electrons(sensor, frame[bright]), _electrons(sensor, frame[dark])
-        detections.append(detect(scenario, frame))
+        detections.append(detect(belief, frame))
     assert first is not None
     errors = np.array([pose_errors(scenario, s.pose) for s in detections])
     found = np.array([s.features.detected for s in detections])
