@@ -40,6 +40,7 @@ _CODE = {
         "density.py",
         "earth.py",
         "image.py",
+        "lanes.py",
         "lattice.py",
         "marker_rays.py",
         "scene.py",

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from scenes.projection.regions import Box
 from scenes.render.image import Image, Part, ViewImage
-from scenes.render.tracer import BLOCK, Kind, Segment, Traced, trace
+from scenes.render.lanes import BLOCK, Segment
+from scenes.render.tracer import Kind, Traced, trace
 from scenes.view import Quality, TransportBasis, View
 
 #: Lanes traced at once: eight numbers a lane and two launches under way take half a gigabyte.

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radiometry.geometry import FloatArray
-from scenes.render.tracer import BLOCK
+from scenes.render.lanes import BLOCK
 from scenes.view import Quality
 
 #: Parts of the marker: the ArUco with its ring, slits whose floor the camera sees, and the elements' other slits.

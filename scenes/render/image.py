@@ -21,7 +21,7 @@ from scenes.projection.regions import (
 )
 from scenes.render import density, lattice
 from scenes.render.carriers import carriers
-from scenes.render.tracer import BLOCK, CHOICES, Segment
+from scenes.render.lanes import BLOCK, CHOICES, Segment
 from scenes.view import Quality, TransportBasis, View
 
 Image = NDArray[np.float32]
