@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Fraction = Annotated[float, Field(gt=0, le=1)]
+from radiometry.parameters import Positive, PositiveFraction
 
 
 class Requirement(BaseModel):
@@ -18,17 +16,17 @@ class Requirement(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     cnr_min: Positive = Field(10.0, description="contrast-to-noise ratio, at least")
-    full_well_fraction_max: Fraction = Field(0.7, description="bright bits over full well, at most")
+    full_well_fraction_max: PositiveFraction = Field(0.7, description="bright bits over full well, at most")
     px_per_bit_min: Positive = Field(
         2.0, description="pixels along the shorter side of a bit, at least; 3 where OpenCV's ArUco decodes"
     )
     smear_px_max: Positive = Field(0.5, description="motion during an exposure [px], at most")
-    detection_min: Fraction = Field(0.99, description="share of frames whose marker is found, at least")
+    detection_min: PositiveFraction = Field(0.99, description="share of frames whose marker is found, at least")
     attitude_error_max_deg: Positive = Field(
         2.0,
         description="95th percentile of attitude error [deg], at most; assumption: figure 3.6 gives no numbers",
     )
-    range_error_max: Fraction = Field(
+    range_error_max: PositiveFraction = Field(
         0.02, description="95th percentile of range error over range, at most; assumption"
     )
 

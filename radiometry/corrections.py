@@ -1,7 +1,7 @@
 """The thesis's link model, repaired one slip at a time, and then completed by what it leaves out.
 
-`printed_model` is listing A.5 as a product of named terms. A `Repair` replaces some of these terms; its factor on signal and on
-SNR is found by evaluating the model before and after it, never stored. `REPAIRS` mend slips within the thesis's own
+`printed_model` is listing A.5 as a product of named terms. A `Correction` replaces some of these terms; its factor on signal and on
+SNR is found by evaluating the model before and after it, never stored. `CORRECTIONS` mend slips within the thesis's own
 assumptions (ideal optics, flat tape of 200 sr⁻¹); `radiometry.extensions` then bring in the physics that a scenario states.
 """
 
@@ -35,7 +35,7 @@ FillTerm = Callable[[FloatArray, FloatArray], FloatArray]
 
 @dataclass(frozen=True)
 class LinkModel:
-    """Signal of a bit's pixel as a product of terms, each of which a repair may replace. Lengths in metres.
+    """Signal of a bit's pixel as a product of terms, each of which a correction may replace. Lengths in metres.
 
     Attributes:
         settings: the thesis's parameters.
@@ -111,7 +111,7 @@ class LinkModel:
 
 
 @dataclass(frozen=True)
-class Repair:
+class Correction:
     """One change of the model.
 
     Attributes:
@@ -131,15 +131,15 @@ class Repair:
     terms: dict[str, Any]
 
     def __call__(self, model: LinkModel) -> LinkModel:
-        """The model with this repair made and nothing else changed."""
+        """The model with this correction made and nothing else changed."""
         return replace(model, **self.terms)
 
 
 @dataclass(frozen=True)
 class Step:
-    """A repair made in turn: the model's signal [electrons] and SNR after it, and its factors on both."""
+    """A correction made in turn: the model's signal [electrons] and SNR after it, and its factors on both."""
 
-    repair: Repair
+    correction: Correction
     signal_e: FloatArray
     snr: FloatArray
     signal_factor: FloatArray
@@ -147,23 +147,27 @@ class Step:
 
 
 def waterfall(
-    model: LinkModel, repairs: Iterable[Repair], range_m: ArrayLike, exposure_s: ArrayLike, sources: Iterable[str]
+    model: LinkModel,
+    corrections: Iterable[Correction],
+    range_m: ArrayLike,
+    exposure_s: ArrayLike,
+    sources: Iterable[str],
 ) -> list[Step]:
-    """Make repairs one after another and note what each does at the given ranges, exposures and sources."""
+    """Make corrections one after another and note what each does at the given ranges, exposures and sources."""
     steps, lit = [], tuple(sources)
     signal, snr = model.signal_e(range_m, exposure_s, lit), model.snr(range_m, exposure_s, lit)
-    for repair in repairs:
-        model = repair(model)
+    for correction in corrections:
+        model = correction(model)
         before = signal, snr
         signal, snr = model.signal_e(range_m, exposure_s, lit), model.snr(range_m, exposure_s, lit)
-        steps.append(Step(repair, signal, snr, signal / before[0], snr / before[1]))
+        steps.append(Step(correction, signal, snr, signal / before[0], snr / before[1]))
     return steps
 
 
-def repaired(model: LinkModel, repairs: Iterable[Repair]) -> LinkModel:
-    """The model after all of these repairs."""
-    for repair in repairs:
-        model = repair(model)
+def corrected(model: LinkModel, corrections: Iterable[Correction]) -> LinkModel:
+    """The model after all of these corrections."""
+    for correction in corrections:
+        model = correction(model)
     return model
 
 
@@ -221,7 +225,7 @@ def printed_model(settings: PrintedModel | None = None) -> LinkModel:
     )
 
 
-NOISE_IN_QUADRATURE = Repair(
+NOISE_IN_QUADRATURE = Correction(
     "noise added linearly",
     "eq. 6.9; A.5 l. 97",
     "N = √S + 28.2",
@@ -231,8 +235,8 @@ NOISE_IN_QUADRATURE = Repair(
 )
 
 #: Slips of the thesis in the order of its own derivation. After all of them the model is the physics of its own assumptions.
-REPAIRS: tuple[Repair, ...] = (
-    Repair(
+CORRECTIONS: tuple[Correction, ...] = (
+    Correction(
         "degrees taken for radians",
         "A.5 l. 68",
         "emitter's half angle is 12 rad: Ω = π·atan(12)²",
@@ -240,7 +244,7 @@ REPAIRS: tuple[Repair, ...] = (
         "unit",
         {"catalogue_half_angle_rad": lambda full_deg: float(np.radians(full_deg)) / 2},
     ),
-    Repair(
+    Correction(
         "flat disc for a cap",
         "A.5 l. 65–70",
         "Ω = π·atan(θ)²",
@@ -248,7 +252,7 @@ REPAIRS: tuple[Repair, ...] = (
         "solid angle of a cone",
         {"cone_sr": _cap},
     ),
-    Repair(
+    Correction(
         "flux for irradiance",
         "eq. 6.2, 6.3; A.5 l. 73–76",
         "E = I·w²/R², a flux in W",
@@ -256,7 +260,7 @@ REPAIRS: tuple[Repair, ...] = (
         "inverse-square law",
         {"led_irradiance": lambda s, intensity, r: intensity / r**2},
     ),
-    Repair(
+    Correction(
         "diameter for radius",
         "eq. 6.5; A.5 l. 62",
         "Ω = π·D²/R²",
@@ -264,7 +268,7 @@ REPAIRS: tuple[Repair, ...] = (
         "area of a disc",
         {"lens_sr": lambda s, r: np.pi * (s.focal_length_m / s.f_number) ** 2 / (4 * r**2)},
     ),
-    Repair(
+    Correction(
         "second pixel area, in mm²",
         "eq. 6.7; A.5 l. 11, 87",
         "L·A_bit·Ω/n², which is W a pixel, times (8.6e-3)²",
@@ -272,7 +276,7 @@ REPAIRS: tuple[Repair, ...] = (
         "units; pitch is 8.6 µm",
         {"further_area": 1.0},
     ),
-    Repair(
+    Correction(
         "field of view of 16°",
         "eq. 6.6; A.5 l. 57",
         "n = atan(w/2R)/8° · 752",
@@ -280,7 +284,7 @@ REPAIRS: tuple[Repair, ...] = (
         "pinhole; 20.19 mm and 8.6 µm make 18.2°, not 16°",
         {"bit_px2": _square_pixels},
     ),
-    Repair(
+    Correction(
         "bits smaller than a pixel",
         "A.5 l. 59–61, 83",
         "divides by n² below one pixel, too",
@@ -288,7 +292,7 @@ REPAIRS: tuple[Repair, ...] = (
         "a pixel collects no more than the bit sends",
         {"fill": lambda pixels, r: np.minimum(1.0, pixels)},
     ),
-    Repair(
+    Correction(
         "retro peak for the Sun",
         "eq. 6.4; A.5 l. 79",
         "200 sr⁻¹ for sunlight",
@@ -296,7 +300,7 @@ REPAIRS: tuple[Repair, ...] = (
         "luminance factor of white sheeting near 0.3 over π; assumption",
         {"sun_brdf": lambda s, r: np.full_like(r, SHEETING_BRDF_SR)},
     ),
-    Repair(
+    Correction(
         "solar band",
         "eq. 6.1",
         "1 W/m²/nm",

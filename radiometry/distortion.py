@@ -20,7 +20,7 @@ import numpy as np
 
 from radiometry.geometry import FloatArray
 
-#: Newton steps of the inverse. Each squares the error; `reach` refuses coefficients for which they leave more than `RESIDUAL`.
+#: Newton steps of the inverse. Each squares the error; `max_ideal_radius` refuses coefficients for which they leave more than `RESIDUAL`.
 STEPS = 8
 #: Largest error of the inverse within the frame, in double precision [tangent]; single precision leaves some 1e-7.
 RESIDUAL = 1e-10
@@ -70,7 +70,7 @@ class BrownConrady:
 
 
 @lru_cache(maxsize=64)
-def reach(lens: BrownConrady, half_width: float, half_height: float) -> float:
+def max_ideal_radius(lens: BrownConrady, half_width: float, half_height: float) -> float:
     """Largest ideal radius that a frame of distorted half width and half height shows [tangent].
 
     Within that radius the derivative is checked to be positive definite. On a disc this makes the lens one-to-one.

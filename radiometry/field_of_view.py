@@ -25,7 +25,7 @@ class Sides(NamedTuple):
     far: float
 
 
-def equation_5_17(length_m: float, depth_m: float) -> float:
+def one_sided_field(length_m: float, depth_m: float) -> float:
     """As printed: FOV = atan(w / V) [rad]. It is the field of an element whose virtual line lies under one end, d = 0."""
     return float(np.arctan(length_m / depth_m))
 
@@ -50,12 +50,12 @@ def element_sides(length_m: float, near_end_m: float, depth_m: float, margin_m: 
     )
 
 
-def equation_5_18(sides: Sides, margin_rad: float = 0.0) -> Sides:
+def with_margin(sides: Sides, margin_rad: float = 0.0) -> Sides:
     """As the thesis takes its margin: the same angle off either side, 18° by estimate."""
     return Sides(sides.near - margin_rad, sides.far - margin_rad)
 
 
-def equation_5_19(sides: Sides) -> float:
+def combined_field(sides: Sides) -> float:
     """Field of two opposite elements, 2·FOV − overlap [rad]; their overlap is twice the near side, where that is positive."""
     return 2 * (sides.near + sides.far) - max(2 * sides.near, 0.0)
 

@@ -7,7 +7,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from radiometry.optics import Fraction
+from radiometry.parameters import Fraction
 from radiometry.spectrum import Spectrum
 
 Wavelength = Annotated[float, Field(ge=300, le=1200)]

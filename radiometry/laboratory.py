@@ -10,7 +10,7 @@ from pydantic import Field
 from scipy import constants
 
 from radiometry.geometry import FloatArray
-from radiometry.optics import Positive
+from radiometry.parameters import Positive
 from radiometry.sources import LedRing, Sun
 from radiometry.spectrum import Spectrum
 

@@ -10,12 +10,11 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from scipy import constants
 from scipy.special import ndtr
 
-from radiometry.distortion import BrownConrady, distort_everywhere, reach
+from radiometry.distortion import BrownConrady, distort_everywhere, max_ideal_radius
 from radiometry.geometry import FloatArray
+from radiometry.parameters import Fraction, Positive
 from radiometry.spectrum import Spectrum
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Fraction = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
 Coefficient = Annotated[float, Field(ge=-100, le=100, allow_inf_nan=False)]
 
 #: Widest point spread that is imaged [px].
@@ -175,7 +174,7 @@ class Camera(BaseModel):
         """Ideal radius that the frame and its rim, from where the point spread gathers light, show [tangent]."""
         rim_px = 4 * self.psf_sigma_px + 2
         (fx, fy), (cx, cy) = self.focal_px, self.principal_point_px
-        return reach(self.distortion, (cx + rim_px) / fx, (cy + rim_px) / fy)
+        return max_ideal_radius(self.distortion, (cx + rim_px) / fx, (cy + rim_px) / fy)
 
 
 def diffraction_sigma_px(camera: Camera, wavelength_nm: float) -> float:

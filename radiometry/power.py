@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from radiometry import link
 from radiometry.geometry import FloatArray
-from radiometry.optics import Positive
+from radiometry.parameters import Positive, PositiveFraction
 from radiometry.sources import LedRing
 
 
@@ -25,7 +25,7 @@ class PowerPlan(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     limit_w: Positive = Field(5.0, description="mean power that may be drawn [W]; thesis section 6.2")
-    driver_efficiency: Annotated[float, Field(gt=0, le=1)] = Field(
+    driver_efficiency: PositiveFraction = Field(
         0.85, description="power into the LEDs over power into their driver; assumption: a switching current source"
     )
     camera_w: Annotated[float, Field(ge=0)] = Field(

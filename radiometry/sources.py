@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from radiometry.geometry import FloatArray
-from radiometry.optics import Fraction, Positive
+from radiometry.parameters import Fraction, Positive, PositiveFraction
 from radiometry.spectrum import Spectrum, gaussian_line
 
 #: Angular radius of the Sun at 1 au [rad] (0.2665°; IAU 2015 nominal solar radius over the astronomical unit).
@@ -110,7 +110,7 @@ class LedRing(BaseModel):
     longest_pulse_s: Positive = Field(
         100.0, description="longest pulse the LEDs stand at this power [s]; default: as long as any exposure, no limit"
     )
-    duty_max: Annotated[float, Field(gt=0, le=1)] = Field(
+    duty_max: PositiveFraction = Field(
         1.0, description="largest share of time the LEDs may be on at this power; default: no limit"
     )
 

@@ -10,7 +10,7 @@ from radiometry.optics import Camera, electrons_per_joule
 from radiometry.spectrum import Spectrum
 
 
-def veiled(rate: ArrayLike, glare: float, mean_rate: float | None = None) -> FloatArray:
+def add_veiling_glare(rate: ArrayLike, glare: float, mean_rate: float | None = None) -> FloatArray:
     """Electron rates when a fraction of the frame's light is spread evenly over it: (1 − g) rate + g · mean.
 
     The uniform form of the veiling glare index (ISO 9358:1994, integral method). The sum over the frame is kept; light that

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from radiometry.geometry import FloatArray
+from radiometry.parameters import OpenFraction
 
 Mesh = tuple[FloatArray, NDArray[np.uint32]]
 ELEMENT_NAMES = ("top", "right", "bottom", "left")
@@ -31,7 +32,6 @@ DEPTH_LIMIT_M, DEPTH_TOLERANCE_M = 0.010, 0.005
 #: Thinnest slat and narrowest slit that a common printer makes [m]: its nozzle's width (assumption).
 PRINTABLE_M = 0.0004
 
-Fraction = Annotated[float, Field(gt=0, lt=1, allow_inf_nan=False)]
 Offset = Annotated[float, Field(allow_inf_nan=False)]
 
 
@@ -79,15 +79,15 @@ class MarkerDesign(BaseModel):
         description="OpenCV dictionary without its DICT_ prefix, AprilTag families too; or MANTIS_3X3_4, four identities",
     )
     identity: int = Field(0, ge=0, description="index in the dictionary")
-    aruco_fraction: Fraction = Field(0.525, description="ArUco side over marker side, black border included")
-    ring_fraction: Fraction = Field(0.12, description="width of the reflective ring around the ArUco")
-    gap_fraction: Fraction = Field(0.17, description="from the ArUco's side to the element's opening")
-    element_length_fraction: Fraction = Field(0.95, description="length of an element's opening")
-    element_width_fraction: Fraction = Field(0.20, description="width of an element's opening")
-    element_depth_fraction: Fraction = Field(0.10, description="depth of the cavity over element length")
+    aruco_fraction: OpenFraction = Field(0.525, description="ArUco side over marker side, black border included")
+    ring_fraction: OpenFraction = Field(0.12, description="width of the reflective ring around the ArUco")
+    gap_fraction: OpenFraction = Field(0.17, description="from the ArUco's side to the element's opening")
+    element_length_fraction: OpenFraction = Field(0.95, description="length of an element's opening")
+    element_width_fraction: OpenFraction = Field(0.20, description="width of an element's opening")
+    element_depth_fraction: OpenFraction = Field(0.10, description="depth of the cavity over element length")
     slit_count: int = Field(25, ge=3, le=400, description="slits of one element")
-    slat_fraction: Fraction = Field(0.20, description="slat thickness over slit pitch")
-    virtual_depth_fraction: Fraction = Field(0.50, description="depth of the virtual line over element length")
+    slat_fraction: OpenFraction = Field(0.20, description="slat thickness over slit pitch")
+    virtual_depth_fraction: OpenFraction = Field(0.50, description="depth of the virtual line over element length")
     virtual_offset_fraction: Annotated[float, Field(ge=0, lt=0.5)] = Field(
         0.25, description="virtual line off the element's centre, over element length"
     )

@@ -18,7 +18,8 @@ from scenes.marker import MarkerDesign, Mesh, aruco_dictionary
 from scenes.view import View
 
 Side = Annotated[float, Field(gt=0, le=10, allow_inf_nan=False)]
-Fraction = Annotated[float, Field(gt=0, lt=0.5, allow_inf_nan=False)]
+#: A length over the plate's side that fits between its edge and its centre.
+FractionBelowHalf = Annotated[float, Field(gt=0, lt=0.5, allow_inf_nan=False)]
 
 #: Sides of the polygon that stands for a dot: its area is 0.3 % below the circle's.
 _DOT_SIDES = 48
@@ -145,8 +146,8 @@ class DotPlate(_Plate):
     """
 
     side_m: Side = Field(0.10, description="side of the plate [m]")
-    dot_fraction: Fraction = Field(0.06, description="radius of a dot over the plate's side; assumption")
-    margin_fraction: Fraction = Field(
+    dot_fraction: FractionBelowHalf = Field(0.06, description="radius of a dot over the plate's side; assumption")
+    margin_fraction: FractionBelowHalf = Field(
         0.10, description="from the plate's edge to a dot's centre, over its side; assumption"
     )
     height_fraction: Annotated[float, Field(gt=0, le=1)] = Field(

@@ -112,7 +112,9 @@ def link_budget(scenario: Scenario, illumination: str, mean_rate: float | None =
     if camera.veiling_glare > 0:
         if mean_rate is None:
             mean_rate = mean_frame_rate(scene_view, lambda points, material: rate(points, material, sources))
-        signal, background = (float(stray.veiled(v, camera.veiling_glare, mean_rate)) for v in (signal, background))
+        signal, background = (
+            float(stray.add_veiling_glare(v, camera.veiling_glare, mean_rate)) for v in (signal, background)
+        )
     if illumination == "sunlit" and camera.point_source_transmittance:
         signal, background = (v + sun_stray_rate(scenario) for v in (signal, background))
     speed = np.radians(scenario.target.tumble_deg_s) * scenario.target.tumble_lever_m

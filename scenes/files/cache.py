@@ -48,7 +48,7 @@ _CODE = {
         "tracer.py",
     ),
     "materials": ("brdf.py", "datafile.py", "library.py", "plugins.py"),
-    "radiometry": ("geometry.py", "distortion.py", "optics.py", "sources.py"),
+    "radiometry": ("geometry.py", "distortion.py", "optics.py", "parameters.py", "sources.py", "spectrum.py"),
 }
 
 

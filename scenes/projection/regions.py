@@ -141,7 +141,7 @@ def marker_pixels(view: View, box: Box) -> MarkerPixels:
     return MarkerPixels(aruco, blob, opening)
 
 
-def even_pixels(view: View, box: Box) -> NDArray[np.bool_]:
+def uniform_pixels(view: View, box: Box) -> NDArray[np.bool_]:
     """Pixels of a box that show nothing but one flat surface of a Mantis Marker, whose light is even over them.
 
     An edge either parts a pixel's corners or turns within it. None where details are small beside a pixel, where something stands
@@ -213,7 +213,7 @@ def _blob_reach_m(marker: MarkerDesign, element: Element, viewer: FloatArray) ->
     return float(pitch * (1 + (1 - marker.slat_fraction) / change))
 
 
-def widened(mask: NDArray[np.bool_], pixels: int) -> NDArray[np.bool_]:
+def dilated(mask: NDArray[np.bool_], pixels: int) -> NDArray[np.bool_]:
     """A mask and all pixels no further from it than so many along either axis."""
     if pixels == 0 or not mask.any():
         return mask

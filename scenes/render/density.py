@@ -66,7 +66,7 @@ def electrons_per_radiance(aruco: NDArray[np.float32], quality: Quality) -> floa
     return quality.electrons / brightest if brightest > 0 else 0.0
 
 
-def fractions(noise: FloatArray, shot_variance: FloatArray, pixels: NDArray[np.bool_]) -> FloatArray:
+def variance_fractions(noise: FloatArray, shot_variance: FloatArray, pixels: NDArray[np.bool_]) -> FloatArray:
     """The renderer's variance over shot variance (height, width), zero outside the pixels that count.
 
     One draw of the error tells little about one pixel, so the ratio is averaged over `_POOL_PX`² neighbours among the pixels.

@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from radiometry.geometry import FloatArray
 from scenes.projection.regions import (
     Box,
+    dilated,
     edge_normals,
-    even_pixels,
     frame_box,
     marker_box,
     marker_pixels,
     target_box,
-    widened,
+    uniform_pixels,
 )
 from scenes.render import density, lattice
 from scenes.render.carriers import carriers
@@ -122,14 +122,14 @@ class ViewImage:
         reach = self._reach + int(np.ceil(lattice.REACH_SIGMA * self._blur))
         masks, taken = {}, np.zeros_like(seen.aruco)
         for name in ("blob", "aruco", "slats"):  # where they meet, the densest counts
-            masks[name] = widened(self._pixels[name], reach) & ~taken
+            masks[name] = dilated(self._pixels[name], reach) & ~taken
             taken |= masks[name]
         rays = density.rays_per_pixel(self.quality, {name: int(mask.sum()) for name, mask in masks.items()})
         if min(rays.values()) < BLOCK:  # the whole patch evenly
             everywhere = np.ones_like(taken)
             self._layers = [_Layer("", everywhere, self._both(min(rays.values()), 1), ~everywhere)]
             return [Part(segment, patch, half) for half, segment in enumerate(self._layers[0].segments)]
-        even = even_pixels(self.view, patch)
+        even = uniform_pixels(self.view, patch)
         self._layers = [
             _Layer(name, mask, self._both(rays[name], stream), even)
             for stream, (name, mask) in enumerate(masks.items(), 1)
@@ -169,7 +169,7 @@ class ViewImage:
             return []
         self._round += 1
         found = self._found = self._fractions()
-        noisy = widened(found > self.quality.variance_fraction, self._reach)
+        noisy = dilated(found > self.quality.variance_fraction, self._reach)
         spent = sum(layer.rays for layer in self._layers)
         parts: list[Part] = []
         for layer in list(self._layers):
@@ -177,7 +177,7 @@ class ViewImage:
             if not mask.any():
                 continue
             before = layer.segments[0].count
-            after = density.more_rays(before, float(found[widened(mask, self._reach)].max()), self.quality)
+            after = density.more_rays(before, float(found[dilated(mask, self._reach)].max()), self.quality)
             stream = len(density.PARTS) + 1 + self._round * len(density.PARTS) + density.PARTS.index(layer.name)
             dense = _Layer(layer.name, mask, self._both(after, stream), np.zeros_like(mask))
             away = replace(layer, mask=mask)
@@ -283,7 +283,7 @@ class ViewImage:
             image = self._blurred(level.astype(np.float32))[from_here]
             draw = self._blurred(noise[k].astype(np.float32))[from_here]
             scale = density.electrons_per_radiance(image[self._pixels["aruco"][on_patch]], self.quality)
-            found = density.fractions(draw * scale, image * scale, pixels)
+            found = density.variance_fractions(draw * scale, image * scale, pixels)
             result[on_patch] = np.maximum(result[on_patch], found)
         return result
 

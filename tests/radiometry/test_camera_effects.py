@@ -18,7 +18,7 @@ from radiometry.link import frames_per_second
 from radiometry.optics import Camera, blur_sigma_px, camera_at, diffraction_sigma_px
 from radiometry.sources import Earth, LedRing, Sun, am0_spectrum
 from radiometry.spectrum import constant
-from radiometry.stray import point_source_transmittance, stray_rate, veiled
+from radiometry.stray import add_veiling_glare, point_source_transmittance, stray_rate
 
 #: 32° off the axis at the corners.
 WIDE = {"width_px": 320, "height_px": 240, "focal_length_m": 2.7e-3}
@@ -152,10 +152,10 @@ def test_vignetting_takes_its_fraction_at_the_corners_and_grows_with_the_square(
 @given(st.floats(0, 1), st.integers(0, 1000))
 def test_veiling_glare_moves_light_and_keeps_it(glare: float, seed: int) -> None:
     rate = np.random.default_rng(seed).exponential(1e6, (12, 16))
-    spread = veiled(rate, glare)
+    spread = add_veiling_glare(rate, glare)
     assert spread.sum() == pytest.approx(rate.sum(), rel=1e-12)
     assert np.ptp(spread) == pytest.approx((1 - glare) * np.ptp(rate), rel=1e-9, abs=1e-6)
-    np.testing.assert_allclose(veiled(rate[3, 4], glare, float(rate.mean())), spread[3, 4])
+    np.testing.assert_allclose(add_veiling_glare(rate[3, 4], glare, float(rate.mean())), spread[3, 4])
 
 
 def test_point_source_transmittance_is_log_linear_and_ends_with_its_table() -> None:

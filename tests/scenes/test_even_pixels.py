@@ -11,7 +11,7 @@ import pytest
 from radiometry.optics import Camera
 from radiometry.sources import Earth, LedRing, Sun
 from scenes.marker import MarkerDesign
-from scenes.projection.regions import even_pixels, marker_box
+from scenes.projection.regions import marker_box, uniform_pixels
 from scenes.render import image, lattice
 from scenes.render.transport import Quality, View, render_basis
 from scenes.target import Target
@@ -41,7 +41,7 @@ def surface_at(view: View, points_px: np.ndarray) -> np.ndarray:
 
 def test_even_pixels_show_one_surface() -> None:
     box = marker_box(VIEW)
-    row, column = np.nonzero(even_pixels(VIEW, box))
+    row, column = np.nonzero(uniform_pixels(VIEW, box))
     assert len(row) > 0.2 * box.width * box.height
     rng = np.random.default_rng(1)
     picked = rng.choice(len(row), 400, replace=False)
@@ -57,7 +57,7 @@ def test_even_pixels_show_one_surface() -> None:
     ids=["details smaller than pixels", "a bar that may shade the marker", "a wide light"],
 )
 def test_none_are_even_where_it_cannot_be_told(changed: View) -> None:
-    assert not even_pixels(changed, marker_box(changed)).any()
+    assert not uniform_pixels(changed, marker_box(changed)).any()
 
 
 def test_few_rays_weigh_as_many() -> None:
@@ -75,7 +75,7 @@ def test_an_image_is_the_same_with_many_rays_everywhere(mi: ModuleType, monkeypa
         quality = Quality(frame_samples=0, seed=seed)
         few.append(render_basis(VIEW, quality).layers["led"][0])
         with monkeypatch.context() as patched:
-            patched.setattr(image, "even_pixels", lambda _, box: np.zeros((box.height, box.width), bool))
+            patched.setattr(image, "uniform_pixels", lambda _, box: np.zeros((box.height, box.width), bool))
             many.append(render_basis(VIEW, quality).layers["led"][0])
     box = marker_box(VIEW).within(marker_box(VIEW).grown(-6))
     there = (slice(None), slice(max(box.y0, 0), box.y1), slice(max(box.x0, 0), box.x1))

@@ -10,7 +10,7 @@ from experiments.reporting.html import Card, Cell, Figures, Report, Section, Tab
 from experiments.reporting.sections import digest, made_by, versions_text
 from experiments.studies.materials import page as materials_page
 from experiments.studies.materials.page import MaterialRow
-from materials.observed import WAVELENGTH_NM
+from materials.goniometer import WAVELENGTH_NM
 
 _LOBES = "BRDF against observation angle at three entrance angles, dashed at the end of life."
 _SPECTRA = "Albedo at normal incidence over wavelength; dashed at the end of life."

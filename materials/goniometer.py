@@ -11,7 +11,7 @@ from radiometry.geometry import FloatArray
 WAVELENGTH_NM = 850.0
 
 
-def observed(
+def goniometer_scan(
     material: Material, entrance_deg: float, observation_deg: FloatArray, nm: float = WAVELENGTH_NM
 ) -> FloatArray:
     """f [sr⁻¹] against observation angle, the viewer moving from the source through the normal: a mirror glints at 2β."""
