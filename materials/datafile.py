@@ -183,8 +183,11 @@ def _explain(error: ValidationError) -> str:
 def _described(location: tuple[int | str, ...]) -> tuple[type[BaseModel], str]:
     """The table in which a key stands, and the key's description with its unit."""
     tables: dict[str, type[BaseModel]] = {
-        "diffuse": _Diffuse, "gloss": _Gloss, "retro": _Retro, "end_of_life": EndOfLife,
-    }  # fmt: skip
+        "diffuse": _Diffuse,
+        "gloss": _Gloss,
+        "retro": _Retro,
+        "end_of_life": EndOfLife,
+    }
     model: type[BaseModel] = MaterialFile
     about = ""
     for k, part in enumerate(location):

@@ -49,9 +49,14 @@ class Material:
         cos_i, cos_o = np.sum(normal * to_source, axis=-1), np.sum(normal * to_viewer, axis=-1)
         lit = (cos_i > 0) & (cos_o > 0)
         value = self.lobes.evaluate(
-            np, np.where(lit, cos_i, 1.0), np.where(lit, cos_o, 1.0), np.minimum(chord_squared(to_source, to_viewer), 4.0),
-            self.diffuse(wavelength_nm), self.gloss(wavelength_nm), self.retro(wavelength_nm),
-        )  # fmt: skip
+            np,
+            np.where(lit, cos_i, 1.0),
+            np.where(lit, cos_o, 1.0),
+            np.minimum(chord_squared(to_source, to_viewer), 4.0),
+            diffuse=self.diffuse(wavelength_nm),
+            gloss=self.gloss(wavelength_nm),
+            retro=self.retro(wavelength_nm),
+        )
         return np.where(lit, value, 0.0)
 
     def albedo(self, entrance_rad: float, wavelength_nm: float, samples: int = 400) -> float:
@@ -91,10 +96,9 @@ class Material:
     def _lobe(self, name: str, to_source: FloatArray, to_viewer: FloatArray) -> FloatArray:
         """f cosθ_o of one lobe alone, its spectrum set to one, for a normal along z."""
         cos_o = to_viewer[..., 2]
-        value = self.lobes.evaluate(
-            np, to_source[2], np.where(cos_o > 0, cos_o, 1.0), np.minimum(chord_squared(to_source, to_viewer), 4.0),
-            **{lobe: float(lobe == name) for lobe in ("diffuse", "gloss", "retro")},
-        )  # fmt: skip
+        alone = {lobe: float(lobe == name) for lobe in ("diffuse", "gloss", "retro")}
+        chord2 = np.minimum(chord_squared(to_source, to_viewer), 4.0)
+        value = self.lobes.evaluate(np, to_source[2], np.where(cos_o > 0, cos_o, 1.0), chord2, **alone)
         return np.where(cos_o > 0, value * cos_o, 0.0)
 
 
@@ -188,7 +192,14 @@ def _material(name: str, text: str) -> Material:
         spectra = {lobe: spectrum * getattr(worn, lobe) for lobe, spectrum in spectra.items()}
         origin, title, assumption = worn, f"{data.title}, end of life", data.assumption or worn.assumption
     material = Material(
-        name, title, origin.source, origin.date, origin.uncertainty, assumption, data.lobes(), **spectra
+        name=name,
+        title=title,
+        source=origin.source,
+        date=origin.date,
+        uncertainty=origin.uncertainty,
+        assumption=assumption,
+        lobes=data.lobes(),
+        **spectra,
     )
     _assert_energy(material)
     return material

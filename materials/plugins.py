@@ -49,10 +49,13 @@ def bsdf_dict(material: Material) -> dict[str, Any]:
             "weight": weight,
             "first": {"type": "diffuse", "reflectance": texture(material.diffuse * (1 / (1 - weight)))},
             "second": {
-                "type": "roughconductor", "material": "none", "distribution": "ggx", "alpha": material.lobes.gloss_alpha,
+                "type": "roughconductor",
+                "material": "none",
+                "distribution": "ggx",
+                "alpha": material.lobes.gloss_alpha,
                 "specular_reflectance": texture(material.gloss * (1 / weight)),
             },
-        }  # fmt: skip
+        }
     return {"type": "mantis_material", "material": material.name}
 
 
@@ -80,9 +83,14 @@ def _bsdf_class() -> type:
             cos_i, cos_o = mi.Frame3f.cos_theta(si.wi), mi.Frame3f.cos_theta(wo)
             active = mi.Mask(active) & (cos_i > 0) & (cos_o > 0)
             value = self.lobes.evaluate(
-                dr, dr.maximum(cos_i, 1e-6), dr.maximum(cos_o, 1e-6), dr.squared_norm(si.wi - wo),
-                self.diffuse.eval(si, active), self.gloss.eval(si, active), self.retro.eval(si, active),
-            )  # fmt: skip
+                dr,
+                dr.maximum(cos_i, 1e-6),
+                dr.maximum(cos_o, 1e-6),
+                dr.squared_norm(si.wi - wo),
+                diffuse=self.diffuse.eval(si, active),
+                gloss=self.gloss.eval(si, active),
+                retro=self.retro.eval(si, active),
+            )
             return dr.select(active, value * cos_o, 0.0)
 
         def pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:

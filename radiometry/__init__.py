@@ -1,1 +1,1 @@
-"""Closed-form physics: spectra, sources, optics, link budget, closure, and the thesis as printed."""
+"""Closed-form physics: spectra, sources, optics, link budget, closure, and the thesis as printed and corrected."""

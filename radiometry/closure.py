@@ -1,4 +1,4 @@
-"""Closure: the criteria that a budget must meet, each with its margin, and what to change where one fails."""
+"""Closure: the criteria that a budget must meet, and by which margin it meets each of them."""
 
 from __future__ import annotations
 
@@ -33,12 +33,13 @@ class Requirement(BaseModel):
 
 @dataclass(frozen=True)
 class Verdict:
-    """One criterion at one range.
+    """Whether one criterion is met at one range.
 
     Attributes:
-        name: the criterion.
-        value, limit: in the same unit; NaN where the value could not be measured.
-        margin: by which factor the criterion is met (1 is just met, below 1 fails); 0 where not measured.
+        name: the criterion, a key of `CRITERIA`.
+        value: what was measured; NaN where it could not be measured.
+        limit: the limit, in the same unit as the value.
+        margin: by which factor the criterion is met: 1 is just met, below 1 fails, 0 where nothing was measured.
     """
 
     name: str
@@ -65,10 +66,21 @@ CRITERIA: dict[str, tuple[str, bool]] = {
 
 
 def judge(requirement: Requirement, values: dict[str, float]) -> list[Verdict]:
-    """Hold measured values against the requirement, criterion by criterion; a NaN value fails.
+    """Hold measured values against a requirement, criterion by criterion. A NaN value fails.
 
     Args:
-        values: by the names of `CRITERIA`; those left out are not judged.
+        requirement: the limits.
+        values: by the names of `CRITERIA`; criteria that are left out are not judged.
+
+    Returns:
+        A verdict for each criterion that was given, in the order of `CRITERIA`.
+
+    Example:
+        >>> from radiometry.closure import Requirement, judge
+        >>> for verdict in judge(Requirement(), {"cnr": 15.0, "smear": 1.0}):
+        ...     print(verdict.name, verdict.margin, verdict.passed)
+        cnr 1.5 True
+        smear 0.5 False
     """
     verdicts = []
     for name, (attribute, at_least) in CRITERIA.items():

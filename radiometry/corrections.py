@@ -1,8 +1,9 @@
-"""The thesis's link model, repaired one slip at a time, and then completed by what it leaves out.
+"""The thesis's link model, corrected one error at a time.
 
-`printed_model` is listing A.5 as a product of named terms. A `Correction` replaces some of these terms; its factor on signal and on
-SNR is found by evaluating the model before and after it, never stored. `CORRECTIONS` mend slips within the thesis's own
-assumptions (ideal optics, flat tape of 200 sr⁻¹); `radiometry.extensions` then bring in the physics that a scenario states.
+`printed_model` is listing A.5 as a product of named terms. A `Correction` replaces some of these terms. Its factor on
+signal and SNR is found by evaluating the model before and after it, and is never stored. `CORRECTIONS` mend the errors
+within the thesis's own assumptions (ideal optics, flat tape of 200 sr⁻¹). `radiometry.extensions` then adds the physics
+that a scenario states.
 """
 
 from __future__ import annotations
@@ -35,22 +36,22 @@ FillTerm = Callable[[FloatArray, FloatArray], FloatArray]
 
 @dataclass(frozen=True)
 class LinkModel:
-    """Signal of a bit's pixel as a product of terms, each of which a correction may replace. Lengths in metres.
+    """Signal of a bit's pixel as a product of terms, each of which a correction may replace. Lengths are in metres.
 
     Attributes:
         settings: the thesis's parameters.
-        catalogue_half_angle_rad: half angle of the emitter from its full angle in degrees.
-        cone_sr: solid angle of a cone from its half angle in radians.
-        beam_efficiency: light that leaves the beam optics over light that enters.
+        catalogue_half_angle_rad: full angle of the emitter [deg] -> its half angle [rad].
+        cone_sr: half angle of a cone [rad] -> its solid angle [sr].
+        beam_efficiency: light that leaves the beam optics over the light that enters.
         led_irradiance: (settings, intensity on the axis [W/sr], range) -> irradiance of the bit [W/m²].
         sun_irradiance: settings -> irradiance of the bit [W/m²].
         led_brdf, sun_brdf: reflectance of the bit [sr⁻¹].
-        led_brdf_dark, sun_brdf_dark: of the absorbing cells [sr⁻¹].
+        led_brdf_dark, sun_brdf_dark: reflectance of the absorbing cells [sr⁻¹].
         lens_sr: solid angle of the lens as seen from the bit.
-        bit_px2: pixels that the bit's image covers.
-        fill: (pixels per bit, range) -> share of a bright bit's pixels that is lit by tape.
-        fill_dark: the same of the absorbing cells beside it.
-        further_area: an area in arbitrary units that the listing multiplies by once more.
+        bit_px2: number of pixels that the bit's image covers.
+        fill: (pixels per bit, range) -> share of the light of a bright bit's pixel that comes from tape.
+        fill_dark: the same for the absorbing cells beside the bit.
+        further_area: an area in arbitrary units by which the listing multiplies once more.
         merit: (signal, background, read noise) [electrons] -> SNR or CNR.
     """
 
@@ -80,15 +81,33 @@ class LinkModel:
         return s.led_count * s.led_intensity_w_sr * emitted / beam * self.beam_efficiency
 
     def signal_e(self, range_m: ArrayLike, exposure_s: ArrayLike, sources: Iterable[str]) -> FloatArray:
-        """Electrons of a bright bit's pixel; ranges and exposures broadcast."""
+        """Electrons of a bright bit's pixel.
+
+        Args:
+            range_m: distance of the marker [m].
+            exposure_s: exposure time [s]; broadcasts with the range.
+            sources: `LED`, `SUN` or both.
+        """
         return self._charge(range_m, exposure_s, sources, self.fill)
 
     def background_e(self, range_m: ArrayLike, exposure_s: ArrayLike, sources: Iterable[str]) -> FloatArray:
-        """Electrons of an absorbing cell's pixel beside it; none before the background is brought in."""
+        """Electrons of an absorbing cell's pixel beside the bit; zero until the background is added to the model.
+
+        Args:
+            range_m: distance of the marker [m].
+            exposure_s: exposure time [s]; broadcasts with the range.
+            sources: `LED`, `SUN` or both.
+        """
         return self._charge(range_m, exposure_s, sources, self.fill_dark)
 
     def snr(self, range_m: ArrayLike, exposure_s: ArrayLike, sources: Iterable[str]) -> FloatArray:
-        """Signal-to-noise ratio as the model defines it; contrast-to-noise ratio once there is a background."""
+        """Signal-to-noise ratio as the model defines it; contrast-to-noise ratio once the model has a background.
+
+        Args:
+            range_m: distance of the marker [m].
+            exposure_s: exposure time [s]; broadcasts with the range.
+            sources: `LED`, `SUN` or both.
+        """
         signal = self.signal_e(range_m, exposure_s, sources)
         return self.merit(signal, self.background_e(range_m, exposure_s, sources), self.settings.dark_noise_e)
 
@@ -112,7 +131,7 @@ class LinkModel:
 
 @dataclass(frozen=True)
 class Correction:
-    """One change of the model.
+    """One change of the link model. Call it with a model to get the changed model.
 
     Attributes:
         name: short, for tables and figures.
@@ -137,7 +156,15 @@ class Correction:
 
 @dataclass(frozen=True)
 class Step:
-    """A correction made in turn: the model's signal [electrons] and SNR after it, and its factors on both."""
+    """The model after one more correction.
+
+    Attributes:
+        correction: the one made in this step.
+        signal_e: signal after it [electrons].
+        snr: SNR or CNR after it.
+        signal_factor: signal after over signal before.
+        snr_factor: SNR after over SNR before.
+    """
 
     correction: Correction
     signal_e: FloatArray
@@ -153,7 +180,18 @@ def waterfall(
     exposure_s: ArrayLike,
     sources: Iterable[str],
 ) -> list[Step]:
-    """Make corrections one after another and note what each does at the given ranges, exposures and sources."""
+    """Make corrections one after another and record what each of them does.
+
+    Args:
+        model: the model to start from.
+        corrections: in the order in which they are made.
+        range_m: distances of the marker [m].
+        exposure_s: exposure times [s]; broadcast with the ranges.
+        sources: `LED`, `SUN` or both.
+
+    Returns:
+        A step for each correction; its arrays have the shape to which ranges and exposures broadcast.
+    """
     steps, lit = [], tuple(sources)
     signal, snr = model.signal_e(range_m, exposure_s, lit), model.snr(range_m, exposure_s, lit)
     for correction in corrections:
@@ -165,14 +203,24 @@ def waterfall(
 
 
 def corrected(model: LinkModel, corrections: Iterable[Correction]) -> LinkModel:
-    """The model after all of these corrections."""
+    """The model after all of these corrections.
+
+    Args:
+        model: the model to start from.
+        corrections: in the order in which they are made.
+    """
     for correction in corrections:
         model = correction(model)
     return model
 
 
 def beam_power_w(intensity_w_sr: float, full_angle_deg: float) -> float:
-    """Light in a cone of even intensity [W]: I · 2π(1 − cos(c/2)). It cannot exceed what the LEDs are given."""
+    """Light in a cone of even intensity [W]: I · 2π(1 − cos(c/2)). It cannot exceed the power that the LEDs are given.
+
+    Args:
+        intensity_w_sr: radiant intensity I within the cone [W/sr].
+        full_angle_deg: full angle c of the cone [deg].
+    """
     return intensity_w_sr * _cap(float(np.radians(full_angle_deg)) / 2)
 
 
@@ -203,7 +251,11 @@ def _square_pixels(s: PrintedModel, range_m: FloatArray) -> FloatArray:
 
 
 def printed_model(settings: PrintedModel | None = None) -> LinkModel:
-    """Listing A.5, slip for slip; `PrintedModel.signal_e` and `snr` are the same numbers."""
+    """Listing A.5 with all its errors; it gives the same numbers as `PrintedModel.signal_e` and `snr`.
+
+    Args:
+        settings: parameters of the listing; default the printed ones.
+    """
     settings = settings or PrintedModel()
     return LinkModel(
         settings=settings,
@@ -234,7 +286,7 @@ NOISE_IN_QUADRATURE = Correction(
     {"merit": lambda signal, background, noise: link.snr(signal, 0.0, noise)},
 )
 
-#: Slips of the thesis in the order of its own derivation. After all of them the model is the physics of its own assumptions.
+#: Errors of the thesis in the order of its own derivation. After all of them the model is the physics of its own assumptions.
 CORRECTIONS: tuple[Correction, ...] = (
     Correction(
         "degrees taken for radians",

@@ -1,4 +1,4 @@
-"""What the thesis's link model leaves out, brought in one step at a time after `radiometry.corrections`."""
+"""What the thesis's link model leaves out, added one step at a time after `radiometry.corrections`."""
 
 from __future__ import annotations
 
@@ -20,14 +20,15 @@ BEAM_OPTICS_EFFICIENCY = 0.8
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What the thesis leaves out and a scenario states.
+    """What a scenario states and the thesis leaves out.
 
     Attributes:
-        ring: LEDs around the lens with the beam of the model's settings; its baseline and pattern are used.
+        ring: LEDs around the lens, with the beam of the model's settings. Their baseline and pattern are used.
         camera: its two pixel pitches are used.
         tape, absorber: reflectances f(normal, to_source, to_viewer, wavelength_nm) [sr⁻¹].
-        sun_phase_rad: angle Sun–target–camera.
-        bright_fill, dark_fill: share of a bright bit's and of an absorbing cell's light that comes from tape, over range.
+        sun_phase_rad: angle Sun–target–camera [rad].
+        bright_fill, dark_fill: range [m] -> share of the light of a bright bit's and of an absorbing cell's pixel that
+            comes from tape.
     """
 
     ring: LedRing
@@ -40,7 +41,11 @@ class Surroundings:
 
 
 def extensions(scene: Surroundings) -> tuple[Correction, ...]:
-    """The steps from the corrected model to the physics of a scenario, on the optical axis."""
+    """The steps from the corrected model to the physics of a scenario, on the optical axis.
+
+    Args:
+        scene: what the scenario states.
+    """
     baseline, normal = scene.ring.ring_radius_m, np.array([0.0, 0.0, 1.0])
     sun = np.array([np.sin(scene.sun_phase_rad), 0.0, np.cos(scene.sun_phase_rad)])
 

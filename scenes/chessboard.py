@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from radiometry.geometry import FloatArray
 from scenes.marker import MarkerDesign, Mesh
-from scenes.render.transport import View
+from scenes.view import View
 
 Squares = Annotated[int, Field(ge=3, le=100)]
 Offset = Annotated[float, Field(allow_inf_nan=False)]

@@ -193,11 +193,21 @@ class MarkerDesign(BaseModel):
         )
         top, right, bottom, left = (
             Element(
-                name, centre, along, across, self.element_length_m, width, self.element_depth_m, u0 + shift,
-                self.virtual_depth_fraction * self.element_length_m, shift,
+                name=name,
+                centre_m=centre,
+                along=along,
+                across=across,
+                length_m=self.element_length_m,
+                width_m=width,
+                depth_m=self.element_depth_m,
+                virtual_offset_m=u0 + shift,
+                virtual_depth_m=self.virtual_depth_fraction * self.element_length_m,
+                shift_m=shift,
             )
-            for name, (centre, along, across, u0), shift in zip(ELEMENT_NAMES, placed, self.element_offsets_m, strict=True)
-        )  # fmt: skip
+            for name, (centre, along, across, u0), shift in zip(
+                ELEMENT_NAMES, placed, self.element_offsets_m, strict=True
+            )
+        )
         return top, right, bottom, left
 
     @property
@@ -237,9 +247,11 @@ class MarkerDesign(BaseModel):
         )
         # Openings as intervals (x0, x1, y0, y1).
         openings = [
-            (ends[0], ends[1], near, far), (near, far, ends[2], ends[3]),
-            (ends[4], ends[5], -far, -near), (-far, -near, ends[6], ends[7]),
-        ]  # fmt: skip
+            (ends[0], ends[1], near, far),
+            (near, far, ends[2], ends[3]),
+            (ends[4], ends[5], -far, -near),
+            (-far, -near, ends[6], ends[7]),
+        ]
         for x0, x1 in pairwise(edges):
             for y0, y1 in pairwise(edges):
                 middle_x, middle_y = (x0 + x1) / 2, (y0 + y1) / 2

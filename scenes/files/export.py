@@ -12,14 +12,27 @@ import numpy as np
 
 from radiometry.spectrum import Spectrum
 from scenes.render.stock import stock_scene
-from scenes.render.transport import MM_PER_M, View
+from scenes.view import MM_PER_M, View
 
 #: XML element of each plugin that `stock_scene` uses.
 _ELEMENTS = {
-    "scene": "scene", "path": "integrator", "perspective": "sensor", "specfilm": "film", "ply": "shape", "disk": "shape",
-    "spot": "emitter", "area": "emitter", "bitmap": "texture", "diffuse": "bsdf", "mantis_material": "bsdf",
-    "blendbsdf": "bsdf", "roughconductor": "bsdf", "uniform": "spectrum", "regular": "spectrum", "irregular": "spectrum",
-}  # fmt: skip
+    "scene": "scene",
+    "path": "integrator",
+    "perspective": "sensor",
+    "specfilm": "film",
+    "ply": "shape",
+    "disk": "shape",
+    "spot": "emitter",
+    "area": "emitter",
+    "bitmap": "texture",
+    "diffuse": "bsdf",
+    "mantis_material": "bsdf",
+    "blendbsdf": "bsdf",
+    "roughconductor": "bsdf",
+    "uniform": "spectrum",
+    "regular": "spectrum",
+    "irregular": "spectrum",
+}
 
 _HOW_TO = """\
 Scene of the Mantis Marker for stock Mitsuba 3.9, one file per light. Lengths are millimetres, radiance is W m-2 sr-1.

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.atomic import atomic_write
-from scenes.render.transport import UNITS, TransportBasis
+from scenes.view import UNITS, TransportBasis
 
 _LAYER = re.compile(r"(led|sun|earth)\.nm(\d{4})\Z")
 _NOISE = ".noise"

@@ -18,10 +18,20 @@ from scenes.marker import Element, MarkerDesign
 #: Triangles of a hexahedron whose corners are bottom 0-3 and top 4-7, both counter-clockwise as seen from above.
 _FACES = np.array(
     [
-        [0, 2, 1], [0, 3, 2], [4, 5, 6], [4, 6, 7], [0, 1, 5], [0, 5, 4],
-        [1, 2, 6], [1, 6, 5], [2, 3, 7], [2, 7, 6], [3, 0, 4], [3, 4, 7],
+        [0, 2, 1],
+        [0, 3, 2],
+        [4, 5, 6],
+        [4, 6, 7],
+        [0, 1, 5],
+        [0, 5, 4],
+        [1, 2, 6],
+        [1, 6, 5],
+        [2, 3, 7],
+        [2, 7, 6],
+        [3, 0, 4],
+        [3, 4, 7],
     ]
-)  # fmt: skip
+)
 
 
 def write_marker_files(marker: MarkerDesign, folder: Path) -> list[Path]:
@@ -50,15 +60,21 @@ def feature_points(marker: MarkerDesign) -> dict[str, object]:
         "virtual_points": {name: point.tolist() for name, point in marker.virtual_points_m.items()},
         "elements": {
             e.name: {
-                "centre": e.centre_m.tolist(), "along": e.along.tolist(), "across": e.across.tolist(),
-                "length": e.length_m, "width": e.width_m, "depth": e.depth_m, "shift": e.shift_m,
-                "virtual_offset": e.virtual_offset_m, "virtual_depth": e.virtual_depth_m,
+                "centre": e.centre_m.tolist(),
+                "along": e.along.tolist(),
+                "across": e.across.tolist(),
+                "length": e.length_m,
+                "width": e.width_m,
+                "depth": e.depth_m,
+                "shift": e.shift_m,
+                "virtual_offset": e.virtual_offset_m,
+                "virtual_depth": e.virtual_depth_m,
             }
             for e in marker.elements
         },
         "shortcomings": list(marker.shortcomings()),
         "design": marker.model_dump(mode="json"),
-    }  # fmt: skip
+    }
 
 
 def body_solids(marker: MarkerDesign) -> FloatArray:

@@ -8,7 +8,7 @@ import numpy as np
 
 from radiometry.geometry import FloatArray
 from scenes.projection.visible import visible_tape
-from scenes.render.transport import View
+from scenes.view import View
 
 #: Electron rate (n,) of points (n, 3) of the marker's plane, were they of a material.
 Rate = Callable[[FloatArray, str], FloatArray]

@@ -51,9 +51,11 @@ class Box:
         if not hole.width or not hole.height:
             return [self] if self.width and self.height else []
         parts = [
-            Box(self.x0, self.y0, self.x1, hole.y0), Box(self.x0, hole.y0, hole.x0, hole.y1),
-            Box(hole.x1, hole.y0, self.x1, hole.y1), Box(self.x0, hole.y1, self.x1, self.y1),
-        ]  # fmt: skip
+            Box(self.x0, self.y0, self.x1, hole.y0),
+            Box(self.x0, hole.y0, hole.x0, hole.y1),
+            Box(hole.x1, hole.y0, self.x1, hole.y1),
+            Box(self.x0, hole.y1, self.x1, self.y1),
+        ]
         return [part for part in parts if part.width and part.height]
 
     def slices(self, origin: Box) -> tuple[slice, slice]:

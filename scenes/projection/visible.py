@@ -9,8 +9,8 @@ from scipy.spatial import ConvexHull
 
 from radiometry.geometry import FloatArray
 from scenes.marker import Element, MarkerDesign
-from scenes.render.transport import View
 from scenes.target import face_mesh
+from scenes.view import View
 
 #: Sine of the Sun's height below which it gives the face nothing, while the marker's shadow is endless.
 _GRAZING = 1e-6

@@ -116,9 +116,7 @@ _SIZES = {
     "earth_radius_rad": 1,
 }
 _ENDS = np.cumsum(list(_SIZES.values()))
-_PLACES = {
-    name: slice(int(end) - size, int(end)) for (name, size), end in zip(_SIZES.items(), _ENDS, strict=True)
-}
+_PLACES = {name: slice(int(end) - size, int(end)) for (name, size), end in zip(_SIZES.items(), _ENDS, strict=True)}
 #: Vectors of four numbers that hold one record.
 _VECTORS = -(-int(_ENDS[-1]) // 4)
 

@@ -135,11 +135,11 @@ class MarkerRays:
         flat = ~inside | floor
         bounds = low, high, place - self._half_width, place + self._half_width
         return MarkerHit(
-            found,
-            distance + dr.select(inside, deeper, 0.0),
-            dr.select(flat, mi.Vector3f(0, 0, 1), wall),
-            dr.select(opening, floor, bright),
-            floor,
-            inside,
-            tuple(dr.select(along_x, bounds[k], bounds[(k + 2) % 4]) for k in range(4)),
+            found=found,
+            distance=distance + dr.select(inside, deeper, 0.0),
+            normal=dr.select(flat, mi.Vector3f(0, 0, 1), wall),
+            bright=dr.select(opening, floor, bright),
+            floor=floor,
+            _inside=inside,
+            _opening=tuple(dr.select(along_x, bounds[k], bounds[(k + 2) % 4]) for k in range(4)),
         )

@@ -99,7 +99,15 @@ def intersect(scene: Scene, ray: Any, nodes_nm: tuple[int, ...]) -> SurfaceInter
     if scene.marker is None:
         hit = scene.solids.ray_intersect(ray)
         surface = _surface(scene, hit)
-        return SurfaceInteraction(hit, hit.is_valid(), mi.Bool(False), surface, brdfs, scene.solids, None)
+        return SurfaceInteraction(
+            hit=hit,
+            valid=hit.is_valid(),
+            deep=mi.Bool(False),
+            _surface=surface,
+            _brdfs=brdfs,
+            _scene=scene.solids,
+            _marker=None,
+        )
     on_marker = scene.marker.find(ray.o, ray.d)
     hit = scene.solids.ray_intersect(ray, active=~on_marker.found)
     surface = dr.select(on_marker.found, dr.select(on_marker.bright, mi.UInt32(0), 1), _surface(scene, hit))
@@ -109,7 +117,13 @@ def intersect(scene: Scene, ray: Any, nodes_nm: tuple[int, ...]) -> SurfaceInter
     hit.sh_frame = mi.Frame3f(hit.n)
     hit.wi = hit.to_local(-ray.d)
     return SurfaceInteraction(
-        hit, on_marker.found | hit.is_valid(), on_marker.floor, surface, brdfs, scene.solids, on_marker
+        hit=hit,
+        valid=on_marker.found | hit.is_valid(),
+        deep=on_marker.floor,
+        _surface=surface,
+        _brdfs=brdfs,
+        _scene=scene.solids,
+        _marker=on_marker,
     )
 
 

@@ -157,10 +157,19 @@ def render_subpixels(
 
     columns, rows = subpixel_counts(view, region, pad)
     film = {
-        "type": "specfilm", "width": columns, "height": rows, "component_format": "float32", "rfilter": {"type": "box"},
+        "type": "specfilm",
+        "width": columns,
+        "height": rows,
+        "component_format": "float32",
+        "rfilter": {"type": "box"},
         # A band of 2 nm about the node with area one: its integral is the radiance there.
-        "band": {"type": "regular", "wavelength_min": node_nm - 1.0, "wavelength_max": node_nm + 1.0, "values": "0.5,0.5"},
-    }  # fmt: skip
+        "band": {
+            "type": "regular",
+            "wavelength_min": node_nm - 1.0,
+            "wavelength_max": node_nm + 1.0,
+            "values": "0.5,0.5",
+        },
+    }
     (fx, fy), (cx, cy) = view.camera.focal_px, view.camera.principal_point_px
     step = 1 / (fx * region.samples)
     left, top = (region.x0 - pad - 0.5 - cx) / fx, (region.y0 - pad - 0.5 - cy) / fy
@@ -168,7 +177,17 @@ def render_subpixels(
     # Per square millimetre inside: one watt per steradian is 1e6 times stronger at a distance counted in millimetres.
     strength = {"led": MM_PER_M**2, "sun": 1.0, "earth": 1.0}[light]
     with tempfile.TemporaryDirectory() as folder:
-        scene = mi.load_dict(stock_scene(view, {light: strength}, Path(folder), film, offset, step, depth))
+        scene = mi.load_dict(
+            stock_scene(
+                view,
+                {light: strength},
+                Path(folder),
+                film,
+                sensor_offset_px=offset,
+                pixel_rad=step,
+                depth=depth,
+            )
+        )
     image = np.array(mi.render(scene, spp=spp, seed=seed), np.float32)
     return image.reshape(rows, columns, -1)[:, :, 0]
 
@@ -188,12 +207,16 @@ def _sensor(view: View, film: dict[str, Any], offset_px: tuple[float, float], pi
     to_world[:3, :3] = view.rotation.T @ np.diag([-1.0, -1.0, 1.0])
     to_world[:3, 3] = view.to_marker(np.zeros(3)) * MM_PER_M
     return {
-        "type": "perspective", "film": film, "to_world": mi.ScalarTransform4f(to_world),
-        "near_clip": 1.0, "far_clip": 100 * _DISC_DISTANCE_MM,
-        "fov_axis": "x", "fov": float(np.degrees(2 * np.arctan(film["width"] * pixel_rad / 2))),
+        "type": "perspective",
+        "film": film,
+        "to_world": mi.ScalarTransform4f(to_world),
+        "near_clip": 1.0,
+        "far_clip": 100 * _DISC_DISTANCE_MM,
+        "fov_axis": "x",
+        "fov": float(np.degrees(2 * np.arctan(film["width"] * pixel_rad / 2))),
         "principal_point_offset_x": offset_px[0] / film["width"],
         "principal_point_offset_y": offset_px[1] / film["height"],
-    }  # fmt: skip
+    }
 
 
 def _emission(strength: Spectrum | float) -> dict[str, Any]:
@@ -222,10 +245,13 @@ def _leds(view: View, strength: Spectrum | float, folder: Path, mi: Any) -> dict
     for k, position in enumerate(positions):
         to_world[:3, 3] = position
         result[f"led_{k:03d}"] = {
-            "type": "spot", "to_world": mi.ScalarTransform4f(to_world.copy()), "intensity": _emission(strength * (1 / count)),
-            "cutoff_angle": _PATTERN_EDGE_DEG, "beam_width": _PATTERN_EDGE_DEG,
+            "type": "spot",
+            "to_world": mi.ScalarTransform4f(to_world.copy()),
+            "intensity": _emission(strength * (1 / count)),
+            "cutoff_angle": _PATTERN_EDGE_DEG,
+            "beam_width": _PATTERN_EDGE_DEG,
             "texture": {"type": "bitmap", "filename": str(pattern), "raw": True},
-        }  # fmt: skip
+        }
     return result
 
 

@@ -12,9 +12,18 @@ from scenes.render.batch import render_bases, render_cases
 from scenes.view import AFTER_TRANSPORT, LIGHTS, MM_PER_M, UNITS, Quality, Region, TransportBasis, View
 
 __all__ = [
-    "AFTER_TRANSPORT", "LIGHTS", "MM_PER_M", "UNITS", "Quality", "Region", "TransportBasis", "View", "render_bases",
-    "render_basis", "render_cases",
-]  # fmt: skip
+    "AFTER_TRANSPORT",
+    "LIGHTS",
+    "MM_PER_M",
+    "UNITS",
+    "Quality",
+    "Region",
+    "TransportBasis",
+    "View",
+    "render_bases",
+    "render_basis",
+    "render_cases",
+]
 
 
 def render_basis(view: View, quality: Quality | None = None) -> TransportBasis:
