@@ -20,7 +20,7 @@ import numpy as np
 
 from radiometry.geometry import FloatArray
 
-#: Newton steps of the inverse. Each squares the error; `max_ideal_radius` refuses coefficients for which they leave more than `RESIDUAL`.
+#: Newton steps of the inverse. Each squares the error. `max_ideal_radius` refuses coefficients that leave more than `RESIDUAL`.
 STEPS = 8
 #: Largest error of the inverse within the frame, in double precision [tangent]; single precision leaves some 1e-7.
 RESIDUAL = 1e-10

@@ -198,7 +198,7 @@ class Camera(BaseModel):
         return light
 
     def _reach_tangent(self) -> float:
-        """Ideal radius that the frame and its rim, from where the point spread gathers light, show [tangent]."""
+        """Ideal radius that the frame shows, with the rim from which the point spread gathers light [tangent]."""
         rim_px = 4 * self.psf_sigma_px + 2
         (fx, fy), (cx, cy) = self.focal_px, self.principal_point_px
         return max_ideal_radius(self.distortion, (cx + rim_px) / fx, (cy + rim_px) / fy)

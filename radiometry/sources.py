@@ -81,7 +81,11 @@ class Earth(BaseModel):
         return float(np.radians(self.angular_radius_deg))
 
     def radiance(self, sun: Sun) -> Spectrum:
-        """Spectral radiance of the disc [W m⁻² sr⁻¹ nm⁻¹]: albedo · E_sun / π (Lambert's law)."""
+        """Spectral radiance of the disc [W m⁻² sr⁻¹ nm⁻¹]: albedo · E_sun / π (Lambert's law).
+
+        Args:
+            sun: that lights the Earth.
+        """
         return sun.irradiance() * (self.albedo / np.pi)
 
 
@@ -160,7 +164,7 @@ class LedRing(BaseModel):
         return np.clip(np.asarray(cos_angle, float), 0.0, None) ** self.exponent
 
     def positions_m(self) -> FloatArray:
-        """Positions of the LEDs in the camera frame, (count, 3) [m]: in the plane of the lens, the first one to the camera's right."""
+        """Positions of the LEDs in the camera frame, (count, 3) [m]: in the plane of the lens, the first one on its right."""
         angle = 2 * np.pi * np.arange(self.count) / self.count
         return self.ring_radius_m * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
 

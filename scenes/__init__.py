@@ -1,1 +1,1 @@
-"""Marker and target geometry, lights, transport rendering, EXR in and out."""
+"""Marker, target and view; what shows where in the image; transport rendering; files in and out."""

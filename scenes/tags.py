@@ -1,7 +1,7 @@
 """Other fiducials in the marker's place: square tags of any of OpenCV's dictionaries, and dots of which one stands on a post.
 
-They are held against the Mantis Marker at equal outer size. In a `View` they stand where the marker does, in the plane z = 0 of
-the marker frame with its origin at the centre, and answer what the renderer asks of a marker.
+They are compared with the Mantis Marker at equal outer size. In a `View` they stand where the marker does, in the plane z =
+0 of the marker frame with its origin at the centre, and they answer everything that the renderer asks of a marker.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _DOT_LIFT_M = 1e-5
 
 
 class _Plate(BaseModel):
-    """What the renderer asks of anything in the marker's place; there are no encoding elements."""
+    """What the renderer asks of anything in the marker's place. A plate has no encoding elements."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -82,7 +82,7 @@ class _Plate(BaseModel):
 
 
 class TagPlate(_Plate):
-    """A printed square tag: black border and bits, a bright quiet zone of one cell around them, an absorbing rim of another."""
+    """A printed square tag: black border and bits, a bright quiet zone one cell wide, and an absorbing rim one cell wide."""
 
     dictionary: str = Field("4X4_50", description="OpenCV dictionary without its DICT_ prefix")
     identity: int = Field(0, ge=0, description="index in the dictionary")
@@ -116,7 +116,7 @@ class TagPlate(_Plate):
 
     @property
     def gap_fraction(self) -> float:
-        """From the border to the end of the absorbing rim, over the side."""
+        """Distance from the border to the end of the absorbing rim, over the side."""
         return 2 / len(self.bits)
 
     @property
@@ -140,7 +140,7 @@ class TagPlate(_Plate):
 
 
 class DotPlate(_Plate):
-    """Bright dots at the corners of an absorbing plate and one above its centre, on a post: a protrusion as true geometry.
+    """Bright dots at the corners of an absorbing plate, and one above its centre on a post, as true geometry.
 
     After the Space Vision Marker System (Bondy et al. 2007), idealised: the post is as slender as its dot, and absorbs.
     """
@@ -156,10 +156,12 @@ class DotPlate(_Plate):
 
     @property
     def size_m(self) -> float:
+        """Side of the plate [m]."""
         return self.side_m
 
     @property
     def bit_m(self) -> float:
+        """Radius of a dot [m], which stands for the distance between edges."""
         return self.dot_radius_m
 
     @property
@@ -197,6 +199,11 @@ class DotPlate(_Plate):
 
 
 def view_of(plate: TagPlate | DotPlate, view: View) -> View:
-    """A view with a plate in the marker's place."""
+    """A view with a plate in the marker's place.
+
+    Args:
+        plate: the tag or the dots.
+        view: camera, lights, target and range; its own marker is replaced.
+    """
     # The renderer asks a marker for what a plate answers, too.
     return replace(view, marker=cast(MarkerDesign, plate))

@@ -1,1 +1,1 @@
-"""What of the marker shows where in the image, in closed form."""
+"""Where the parts of the marker show in the image, in closed form. Nothing here renders."""

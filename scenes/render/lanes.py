@@ -122,7 +122,15 @@ _VECTORS = -(-int(_ENDS[-1]) // 4)
 
 
 def pack(segment: Segment, first_led: int) -> NDArray[np.float32]:
-    """The record of a segment's lanes as a row of the kernel's table, float32 of a fixed length."""
+    """The record of a segment's lanes, as a row of the kernel's table.
+
+    Args:
+        segment: the view and the lattice.
+        first_led: index of the view's first LED in the table of all LEDs.
+
+    Returns:
+        float32 of a fixed length.
+    """
     view, camera, earth = segment.view, segment.view.camera, segment.view.earth
     fields = {
         "origin": view.to_marker(np.zeros(3)) * MM_PER_M,
@@ -149,7 +157,12 @@ def pack(segment: Segment, first_led: int) -> NDArray[np.float32]:
 
 
 def unpack(table: Any, segment: Any) -> LaneRecord:
-    """Records of lanes from the table of `pack`'s rows, one after the other, by the segment of each lane."""
+    """The records of lanes, from a table of rows that `pack` made.
+
+    Args:
+        table: the rows, one after the other.
+        segment: index of each lane's row.
+    """
     import drjit as dr
     import mitsuba as mi
 
@@ -178,7 +191,11 @@ def unpack(table: Any, segment: Any) -> LaneRecord:
 
 
 def fraction(x: Any) -> Any:
-    """Fractional part of a Dr.Jit number, 0 … 1."""
+    """Fractional part of a Dr.Jit number, 0 … 1.
+
+    Args:
+        x: any finite number.
+    """
     import drjit as dr
 
     return x - dr.floor(x)
@@ -186,7 +203,13 @@ def fraction(x: Any) -> Any:
 
 @dataclass(frozen=True)
 class Sample:
-    """Which ray every lane traces: the pixel's column and row, and the index of the ray in the pixel's lattice."""
+    """Which ray every lane traces.
+
+    Attributes:
+        column, row: the pixel.
+        index: of the ray in the pixel's lattice.
+        record: what the lane knows of its view.
+    """
 
     column: Any
     row: Any
@@ -195,10 +218,12 @@ class Sample:
 
     @classmethod
     def of(cls, lane: Any, block: Any, record: LaneRecord) -> Sample:
-        """Samples of lanes, counted from zero.
+        """Samples of lanes.
 
         Args:
+            lane: number of each lane, from zero.
             block: the lane's row of the table of blocks (`scenes.render.tracer.trace`).
+            record: the lane's record.
         """
         import mitsuba as mi
 
@@ -219,7 +244,11 @@ class Sample:
         return x * record.tangent_per_px[0], y * record.tangent_per_px[1]
 
     def choice(self, k: int) -> Any:
-        """A number in 0 … 1 for the k-th choice of light."""
+        """A number in 0 … 1 for one of the choices of light.
+
+        Args:
+            k: which of the `CHOICES`.
+        """
         import mitsuba as mi
 
         a, b, c = (mi.UInt32(int(stride)) for stride in _STRIDES[k])

@@ -1,8 +1,9 @@
 """The renderer's one kernel: rays of many views traced together, each lane with its own camera, lights and lattice.
 
-Direct light only: indirect light adds up to 0.7 % in the Sun and 0.02 % in the LEDs' light. The scene stands still in the marker
-frame, in millimetres, for ray offsets would swallow the slits in metres; cameras and lights are data of the lanes, and every size
-is data of the kernel, so that no other view, region or batch compiles it again.
+Only direct light counts. Indirect light would add up to 0.7 % to the Sun's light and 0.02 % to that of the LEDs. The scene
+stands still in the marker frame, in millimetres, because in metres the ray offsets would swallow the slits. Cameras and
+lights are data of the lanes, and every size is data of the kernel, so no other view, region or batch compiles the kernel
+again.
 """
 
 from __future__ import annotations
@@ -40,7 +41,15 @@ LEDS_IN_SLITS = 4
 
 @dataclass(frozen=True)
 class Kind:
-    """What makes views share a kernel and a scene."""
+    """What views must have in common to share a kernel and a scene.
+
+    Attributes:
+        marker: the design.
+        surface: the target at rest.
+        distorted: whether the lens has distortion.
+        earth: whether there is an Earth.
+        earth_about_camera: whether the Earth stands so near to the camera's direction that tape returns its light.
+    """
 
     marker: MarkerDesign
     surface: Target
@@ -50,7 +59,11 @@ class Kind:
 
     @classmethod
     def of(cls, view: View) -> Kind:
-        """Kind of a view."""
+        """Kind of a view.
+
+        Args:
+            view: any view.
+        """
         near = view.earth is not None and (
             np.radians(view.earth.phase_deg) < view.earth.angular_radius_rad + _RETRO_TAIL_RAD
         )
