@@ -69,7 +69,7 @@ def _hull(points: FloatArray) -> FloatArray:
 
 
 def _slits(marker: MarkerDesign, e: Element, camera_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Corners (n, 4, 2) of an element's slits on the front plane [m], and the share of each through which its floor shows, (n,)."""
+    """Corners of an element's slits on the front plane (n, 4, 2) [m], and the share of each that shows its floor (n,)."""
     edges = np.linspace(-e.length_m / 2, e.length_m / 2, marker.slit_count + 1)
     u, pitch = (edges[:-1] + edges[1:]) / 2, e.length_m / marker.slit_count
     fall = e.depth_m / camera_m[2]  # of a line of sight: sideways per distance off the camera's foot, down to the floor

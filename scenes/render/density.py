@@ -17,11 +17,11 @@ from scenes.view import Quality
 
 #: Parts of the marker: the ArUco with its ring, slits whose floor the camera sees, and the elements' other slits.
 PARTS = ("aruco", "blob", "slats")
-#: Rays per pixel of one lattice, times the root of allowed variance over shot variance where the ArUco's brightest pixels hold one
-#: electron. Measured from 1 to 16 m over attitudes of 30 deg so that most pixels need no more; the others get more later.
+#: Rays per pixel of one lattice, times the root of allowed variance over shot variance where the ArUco's brightest pixels hold
+#: one electron. Measured from 1 to 16 m over attitudes of 30 deg so that most pixels need no more; the others get more later.
 _RAYS = {"aruco": 0.24, "blob": 0.75, "slats": 0.13}
-#: Fewest and most rays per pixel of one lattice. With too few, an edge along the pixels falls between two rays and is displaced by
-#: up to 1/64 px over its whole length.
+#: Fewest and most rays per pixel of one lattice. An edge along the pixels may fall anywhere between two rays: with the fewest,
+#: its whole length is displaced by up to 1/64 px.
 _FEWEST, _MOST = 32, 256 * BLOCK
 #: Factor on the rays that the law asks for, where they did not suffice: the fraction that was found is itself uncertain.
 _CAUTION = 1.3

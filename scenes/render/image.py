@@ -27,8 +27,8 @@ from scenes.view import Quality, TransportBasis, View
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-#: A point spread wider than the first [px] is gathered with the second, and the pixels are blurred by the rest. The frequencies that
-#: pixels cannot carry, beyond half a cycle per pixel, are below 1e-4 for the second.
+#: A point spread wider than the first [px] is gathered with the second, and the pixels are blurred by the rest. What
+#: pixels of such a spread cannot carry, frequencies beyond half a cycle per pixel, is then below 1e-4.
 _WIDE_PX, _BASE_PX = 1.2, 0.8
 #: Rays a pixel of the marker's plate, between and around its ArUco and elements.
 _PLATE_RAYS = 16
@@ -305,7 +305,7 @@ class ViewImage:
         return result
 
     def _statement(self) -> dict[str, str | float]:
-        """Mean rays per pixel and largest share of shot variance by part of the marker, and the charge at which the share holds."""
+        """Rays per pixel and largest share of shot variance by part of the marker, and the charge at which it holds."""
         if not self._pixels:
             return {}
         told: dict[str, str | float] = {"shot_noise_electrons": self.quality.electrons}

@@ -34,9 +34,14 @@ def directions(camera: Camera, image_px: FloatArray) -> FloatArray:
 
 @settings(deadline=None, derandomize=True, max_examples=50)
 @given(
-    small_coefficient, small_coefficient, st.floats(-5e-3, 5e-3), st.floats(-5e-3, 5e-3), small_coefficient,
-    st.floats(0, 319), st.floats(0, 239),
-)  # fmt: skip
+    k1=small_coefficient,
+    k2=small_coefficient,
+    p1=st.floats(-5e-3, 5e-3),
+    p2=st.floats(-5e-3, 5e-3),
+    k3=small_coefficient,
+    x=st.floats(0, 319),
+    y=st.floats(0, 239),
+)
 def test_projection_undoes_undistortion_everywhere_in_the_frame(
     k1: float, k2: float, p1: float, p2: float, k3: float, x: float, y: float
 ) -> None:

@@ -58,7 +58,10 @@ def test_corrected_model_is_the_camera_equation(cone_deg: float) -> None:
     for range_m in RANGES:
         viewer = np.array([0.0, 0.0, range_m])
         led = (
-            link.ring_transport(np.zeros(3), viewer, viewer[None], [0, 0, -1], LedRing(), flat, [850.0])[0] * intensity
+            link.ring_transport(
+                np.zeros(3), viewer, viewer[None], axis=[0, 0, -1], ring=LedRing(), brdf=flat, wavelength_nm=[850.0]
+            )[0]
+            * intensity
         )
         fill = min(1.0, 0.005 * camera.focal_px[0] / range_m * 0.005 * camera.focal_px[1] / range_m)
         for sources, radiance in (((LED,), led), ((SUN,), band * 0.10), ((LED, SUN), led + band * 0.10)):

@@ -43,7 +43,7 @@ def ring_on_axis(range_m: float, **values: float) -> FloatArray:
     ring = LedRing(**values)
     camera = np.array([0, 0, range_m])
     leds = camera + ring.positions_m() * [1, -1, -1]
-    return ring_transport([0.0, 0, 0], camera, leds, [0, 0, -1.0], ring, flat, NODES)
+    return ring_transport([0.0, 0, 0], camera, leds, axis=[0, 0, -1.0], ring=ring, brdf=flat, wavelength_nm=NODES)
 
 
 def test_on_the_axis_the_ring_gives_brdf_over_distance_squared() -> None:
@@ -73,22 +73,35 @@ def test_points_keep_their_leading_shape_and_each_its_own_light() -> None:
     camera = np.array([0, 0, 1.0])
     leds = camera + ring.positions_m() * [1, -1, -1]
     points = np.random.default_rng(5).uniform(-0.1, 0.1, (2, 4, 3)) * [1, 1, 0]
-    together = ring_transport(points, camera, leds, [0, 0, -1.0], ring, flat, NODES)
+    together = ring_transport(points, camera, leds, axis=[0, 0, -1.0], ring=ring, brdf=flat, wavelength_nm=NODES)
     assert together.shape == (2, 4, 3)
     alone = [
         np.mean(
             [
-                SLOPE * ring.pattern((led - p)[2] / np.linalg.norm(led - p))
-                * (led - p)[2] / np.linalg.norm(led - p) ** 3 for led in leds
-            ], axis=0,
-        ) for p in points.reshape(-1, 3)
-    ]  # fmt: skip
+                SLOPE
+                * ring.pattern((led - p)[2] / np.linalg.norm(led - p))
+                * (led - p)[2]
+                / np.linalg.norm(led - p) ** 3
+                for led in leds
+            ],
+            axis=0,
+        )
+        for p in points.reshape(-1, 3)
+    ]
     np.testing.assert_allclose(together.reshape(-1, 3), alone, rtol=1e-12)
 
 
 def test_light_from_behind_the_plane_does_not_count() -> None:
     ring = LedRing(count=1)
-    behind = ring_transport([0.0, 0, 0], [0, 0, 1.0], np.array([[0.5, 0, -0.1]]), [-1.0, 0, 0], ring, flat, NODES)
+    behind = ring_transport(
+        [0.0, 0, 0],
+        [0, 0, 1.0],
+        np.array([[0.5, 0, -0.1]]),
+        axis=[-1.0, 0, 0],
+        ring=ring,
+        brdf=flat,
+        wavelength_nm=NODES,
+    )
     assert not np.any(behind)
     assert not np.any(sun_transport([0.0, 0, 0], [0, 0, 1.0], [0.6, 0, -0.8], flat, NODES))
 
@@ -202,9 +215,15 @@ def test_a_slanted_edge_fills_as_adaptive_quadrature_says(distance: float, slant
     quad_px = start + np.array([-60 * along, 60 * along, 60 * along - 60 * across, -60 * along - 60 * across])
     kinks = [-0.5, 0.5]
     expected, error = quad(
-        lambda x: float(_sampled_kernel(np.array(x), sigma) * pixel_profile_integral(distance + x * np.tan(slant), sigma)),
-        -0.5 - 8 * sigma, 0.5 + 8 * sigma, points=kinks, epsabs=1e-10, limit=200,
-    )  # fmt: skip
+        lambda x: float(
+            _sampled_kernel(np.array(x), sigma) * pixel_profile_integral(distance + x * np.tan(slant), sigma)
+        ),
+        -0.5 - 8 * sigma,
+        0.5 + 8 * sigma,
+        points=kinks,
+        epsabs=1e-10,
+        limit=200,
+    )
     assert float(reflective_fill([[0.0, 0.0]], quad_px[None], sigma)[0]) == pytest.approx(expected, abs=error + 1e-6)
 
 

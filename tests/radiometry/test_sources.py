@@ -61,9 +61,14 @@ def test_the_thesiss_array_of_40_kw_per_sr_from_210_w_is_refused_with_the_arithm
     power = 2 * np.pi * 40_247 / (exponent + 1)
     message = str(refusal.value)
     for figure in (
-        "40247 W/sr", "half angle of 8 deg", "2π·I₀/(n+1)", f"{power:.3g} W of light", f"n = {exponent:.1f}",
-        "210 W × 1 = 210 W", f"{power / 210:.1f} times too much",
-    ):  # fmt: skip
+        "40247 W/sr",
+        "half angle of 8 deg",
+        "2π·I₀/(n+1)",
+        f"{power:.3g} W of light",
+        f"n = {exponent:.1f}",
+        "210 W × 1 = 210 W",
+        f"{power / 210:.1f} times too much",
+    ):
         assert figure in message
     # The same figure spread over its hundred LEDs is refused for each of them.
     with pytest.raises(ValidationError, match=r"from one LED that is given 2\.1 W"):
@@ -105,9 +110,17 @@ def test_ring_intensity_and_energy_count_every_led() -> None:
 
 @pytest.mark.parametrize(
     ("field", "value"),
-    [("count", 0), ("half_angle_deg", 0), ("half_angle_deg", 90), ("intensity_w_sr", np.nan),
-     ("ring_radius_m", 0), ("fwhm_nm", 0), ("centroid_nm", 0.85), ("wall_plug_limit", 1.1)],
-)  # fmt: skip
+    [
+        ("count", 0),
+        ("half_angle_deg", 0),
+        ("half_angle_deg", 90),
+        ("intensity_w_sr", np.nan),
+        ("ring_radius_m", 0),
+        ("fwhm_nm", 0),
+        ("centroid_nm", 0.85),
+        ("wall_plug_limit", 1.1),
+    ],
+)
 def test_a_ring_that_cannot_be_is_refused(field: str, value: float) -> None:
     with pytest.raises(ValidationError, match=field):
         LedRing(**{field: value})

@@ -19,9 +19,14 @@ from scenes.target import Target
 
 #: A marker of 37 px of ArUco at 3.3 m.
 VIEW = View(
-    Camera(width_px=64, height_px=64), MarkerDesign(), Target(pitch_deg=15, yaw_deg=-10, roll_deg=20), LedRing(), Sun(), 3.3,
-    (807, 833, 867, 893),
-)  # fmt: skip
+    camera=Camera(width_px=64, height_px=64),
+    marker=MarkerDesign(),
+    target=Target(pitch_deg=15, yaw_deg=-10, roll_deg=20),
+    leds=LedRing(),
+    sun=Sun(),
+    range_m=3.3,
+    nodes_nm=(807, 833, 867, 893),
+)
 SEEDS = 40
 
 

@@ -27,9 +27,17 @@ from scenes.target import Target
 NODES = (807, 833, 867, 893)
 #: 30° off the axis at the corners, square pixels, no point spread.
 WIDE = Camera(
-    width_px=320, height_px=240, focal_length_m=3e-3, pixel_pitch_y_m=8.6e-6, psf_sigma_px=0.0,
-    k1=-0.2, k2=0.05, p1=1e-3, p2=-2e-3, k3=-0.004,
-)  # fmt: skip
+    width_px=320,
+    height_px=240,
+    focal_length_m=3e-3,
+    pixel_pitch_y_m=8.6e-6,
+    psf_sigma_px=0.0,
+    k1=-0.2,
+    k2=0.05,
+    p1=1e-3,
+    p2=-2e-3,
+    k3=-0.004,
+)
 FLAT = {"tape_material": "diffuse_reference", "face_material": "black_coating", "facet_slope_deg": 0.0}
 
 
@@ -37,7 +45,16 @@ def view(
     camera: Camera, target: Target, earth: Earth | None = None, range_m: float = 2.0, marker: MarkerDesign | None = None
 ) -> View:
     sun = Sun(phase_deg=30.0, azimuth_deg=90.0)
-    return View(camera, marker or MarkerDesign(), target, LedRing(count=6), sun, range_m, NODES, earth)
+    return View(
+        camera=camera,
+        marker=marker or MarkerDesign(),
+        target=target,
+        leds=LedRing(count=6),
+        sun=sun,
+        range_m=range_m,
+        nodes_nm=NODES,
+        earth=earth,
+    )
 
 
 def pattern_seen(scene_view: View, fine: int) -> FloatArray:
@@ -123,9 +140,11 @@ def test_stock_mitsuba_refuses_a_distorted_lens(mi: ModuleType) -> None:
 SMALL = Camera(width_px=96, height_px=96)
 #: Everything diffuse and flat: what the front plane shows is known in closed form.
 PLATE = {
-    "tape_material": "diffuse_reference", "absorber_material": "diffuse_reference", "face_material": "black_coating",
+    "tape_material": "diffuse_reference",
+    "absorber_material": "diffuse_reference",
+    "face_material": "black_coating",
     "facet_slope_deg": 0.0,
-}  # fmt: skip
+}
 
 
 def plate_pixels(scene_view: View) -> tuple[slice, slice]:
@@ -135,9 +154,10 @@ def plate_pixels(scene_view: View) -> tuple[slice, slice]:
 
 
 @pytest.mark.parametrize(
-    ("phase_deg", "radius_deg"), [(90.0, 70.0), (40.0, 70.0), (0.0, 30.0), (120.0, 65.0)],
+    ("phase_deg", "radius_deg"),
+    [(90.0, 70.0), (40.0, 70.0), (0.0, 30.0), (120.0, 65.0)],
     ids=["beside", "around the camera", "behind the camera", "half behind the plate"],
-)  # fmt: skip
+)
 def test_a_plate_under_the_earth_is_as_bright_as_in_closed_form(
     mi: ModuleType, phase_deg: float, radius_deg: float
 ) -> None:
@@ -146,9 +166,12 @@ def test_a_plate_under_the_earth_is_as_bright_as_in_closed_form(
     basis = render_basis(scene_view, Quality(1, 300_000))
     viewer = scene_view.to_marker(np.zeros(3))
     exact = earth_transport(
-        viewer / np.linalg.norm(viewer), scene_view.earth_in_marker, earth.angular_radius_rad,
-        library.load("diffuse_reference").brdf, np.array(NODES, float),
-    )  # fmt: skip
+        viewer / np.linalg.norm(viewer),
+        scene_view.earth_in_marker,
+        earth.angular_radius_rad,
+        library.load("diffuse_reference").brdf,
+        np.array(NODES, float),
+    )
     rows, columns = plate_pixels(scene_view)
     seen = basis.layers["earth"][:, rows, columns].mean(axis=(1, 2))
     np.testing.assert_allclose(seen, exact, rtol=5e-3)
@@ -160,9 +183,12 @@ def test_tape_under_an_earth_around_the_camera_returns_its_light(mi: ModuleType)
     basis = render_basis(scene_view, Quality(1, 1_000_000))
     viewer = scene_view.to_marker(np.zeros(3))
     exact = earth_transport(
-        viewer / np.linalg.norm(viewer), scene_view.earth_in_marker, np.radians(70.0),
-        library.load("tape_type_xi").brdf, np.array(NODES, float),
-    )  # fmt: skip
+        viewer / np.linalg.norm(viewer),
+        scene_view.earth_in_marker,
+        np.radians(70.0),
+        library.load("tape_type_xi").brdf,
+        np.array(NODES, float),
+    )
     x0, x1, y0, y1 = scene_view.marker.reflective_rectangles_m().T
     centres = np.column_stack([x0 + x1, y0 + y1, 0 * x0]) / 2
     big = np.minimum(x1 - x0, y1 - y0) > 0.9 * scene_view.marker.bit_m

@@ -18,7 +18,13 @@ from scenes.target import Target
 
 CAMERA = Camera(width_px=96, height_px=96)
 VIEW = View(
-    CAMERA, MarkerDesign(), Target(pitch_deg=12, yaw_deg=-9, roll_deg=20), LedRing(count=12), Sun(), 2.6, (850,)
+    camera=CAMERA,
+    marker=MarkerDesign(),
+    target=Target(pitch_deg=12, yaw_deg=-9, roll_deg=20),
+    leds=LedRing(count=12),
+    sun=Sun(),
+    range_m=2.6,
+    nodes_nm=(850,),
 )
 
 

@@ -23,9 +23,14 @@ from scenes.target import Target
 
 ROOT = Path(__file__).parents[2]
 VIEW = View(
-    Camera(width_px=48, height_px=40), MarkerDesign(size_m=0.05), Target(pitch_deg=12, yaw_deg=-15),
-    LedRing(count=4), Sun(), 3.0, (807, 833, 867, 893),
-)  # fmt: skip
+    camera=Camera(width_px=48, height_px=40),
+    marker=MarkerDesign(size_m=0.05),
+    target=Target(pitch_deg=12, yaw_deg=-15),
+    leds=LedRing(count=4),
+    sun=Sun(),
+    range_m=3.0,
+    nodes_nm=(807, 833, 867, 893),
+)
 SEEDS = 20
 RENDER = """
 import pickle, sys

@@ -35,8 +35,14 @@ def view(
     nodes_nm: tuple[int, ...] = NODES,
 ) -> View:
     return View(
-        camera, marker or MarkerDesign(size_m=0.05), target or Target(), leds or LedRing(count=6), sun or Sun(), range_m, nodes_nm
-    )  # fmt: skip
+        camera=camera,
+        marker=marker or MarkerDesign(size_m=0.05),
+        target=target or Target(),
+        leds=leds or LedRing(count=6),
+        sun=sun or Sun(),
+        range_m=range_m,
+        nodes_nm=nodes_nm,
+    )
 
 
 def render(scene_view: View, samples: int, seed: int) -> dict[str, FloatArray]:
@@ -89,7 +95,7 @@ def test_a_diffuse_plate_renders_to_the_closed_form_within_a_thousandth(
     axis = scene_view.rotation[2]
     nodes = np.array(NODES, float)
     expected = {
-        "led": ring_transport(points, camera, leds, axis, scene_view.leds, brdf, nodes),
+        "led": ring_transport(points, camera, leds, axis=axis, ring=scene_view.leds, brdf=brdf, wavelength_nm=nodes),
         "sun": sun_transport(points, camera, scene_view.sun_in_marker, brdf, nodes),
     }
     rendered = render(scene_view, 8, seed=3)
@@ -181,11 +187,16 @@ def test_reflectance_scales_the_image(mi: ModuleType) -> None:
     names = ("diffuse_reference", "black_coating")
     images = [
         render(
-            view(SQUARE, target=Target(face_material=n, tape_material=n, absorber_material=n, pitch_deg=20), nodes_nm=(850,) * 4),
-            2, 1,
+            view(
+                SQUARE,
+                target=Target(face_material=n, tape_material=n, absorber_material=n, pitch_deg=20),
+                nodes_nm=(850,) * 4,
+            ),
+            2,
+            1,
         )
         for n in names
-    ]  # fmt: skip
+    ]
     ratio = np.divide(*(float(library.load(n).diffuse(850.0)) for n in names))
     for light in LIGHTS:
         np.testing.assert_allclose(images[0][light], ratio * images[1][light], rtol=1e-5)
