@@ -17,6 +17,7 @@ from radiometry.link import (
     band_grid,
     cnr,
     electron_rate,
+    frames_per_second,
     reflective_fill,
     ring_transport,
     sampling_window_px,
@@ -114,9 +115,6 @@ def test_sunlight_is_brdf_times_the_cosine_of_incidence(incidence: float) -> Non
     np.testing.assert_allclose(found, SLOPE * np.cos(incidence), rtol=1e-12)
 
 
-# --- spectral integration
-
-
 def test_electron_rate_is_the_integral_of_piecewise_linear_transport() -> None:
     """A 2 nm line on the edge of the band: adaptive quadrature against the sum over three wavelengths.
 
@@ -152,9 +150,6 @@ def test_band_grid_spans_the_band_in_fine_enough_steps() -> None:
     grid = band_grid(response, 7.0)
     assert (grid[0], grid[-1]) == response.support_nm
     assert np.diff(grid).max() <= 7.0
-
-
-# --- sampling
 
 
 @st.composite
@@ -258,8 +253,6 @@ def test_smear_is_image_speed_times_exposure_on_the_finer_pitch() -> None:
     )
 
 
-# --- signal against noise
-
 electrons = st.floats(1e-3, 1e6)
 
 
@@ -285,3 +278,15 @@ def test_shot_noise_alone_gives_root_n() -> None:
 def test_ten_to_one_takes_336_electrons_against_the_thesiss_read_noise() -> None:
     """S² = 100 (S + 28.2²) has the root 336.4 (audit, 1.3: 336)."""
     assert snr(335.5, 0, 28.2) < 10 < snr(336.5, 0, 28.2)
+
+
+def test_frames_per_second_are_the_thesiss() -> None:
+    """Equation 6.10: 100 LEDs of 2.1 W for 20 ms are 4.2 J a frame; 5 W pay for 1.19 frames a second."""
+    ring = LedRing(count=100, electrical_power_w=2.1)
+    energy = ring.energy_per_frame_j(0.02)
+    assert float(energy) == pytest.approx(4.2)
+    assert float(frames_per_second(5.0, energy)) == pytest.approx(1.190, abs=5e-4)
+    assert float(frames_per_second(5.0, energy, 0.02, duty_max=0.01)) == pytest.approx(0.5)
+    both = frames_per_second(5.0, ring.energy_per_frame_j([0.02, 1e-4]), [0.02, 1e-4], duty_max=0.02)
+    np.testing.assert_allclose(both, [1.0, 200.0])  # duty cycle binds either way
+    np.testing.assert_allclose(frames_per_second([5.0, 10.0], 4.2), [5 / 4.2, 10 / 4.2])

@@ -158,7 +158,7 @@ def test_without_frame_samples_the_surroundings_stay_dark(mi: ModuleType) -> Non
 def test_a_view_renders_to_the_same_bits_however_many_threads_blas_has(alone: list[TransportBasis]) -> None:
     """In a process with one thread for BLAS: no sum is left to threads to order."""
     code = (
-        "import sys; sys.path[:0] = ['tests/scenes']\n"
+        "import sys; sys.path[:0] = ['tests/scenes/render']\n"
         "from test_batch import QUALITY, VIEWS\n"
         "from scenes.files.cache import checksum\n"
         "from scenes.render.transport import render_bases\n"
@@ -166,7 +166,7 @@ def test_a_view_renders_to_the_same_bits_however_many_threads_blas_has(alone: li
     )
     done = subprocess.run(
         [sys.executable, "-c", code],
-        cwd=Path(__file__).parents[2],
+        cwd=Path(__file__).parents[3],
         env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
         capture_output=True,
         text=True,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from radiometry.optics import Camera
-from radiometry.sources import LedRing, Sun
+from radiometry.sources import Earth, LedRing, Sun
 from scenes.files import cache
 from scenes.marker import MarkerDesign
 from scenes.render.transport import Quality, TransportBasis, View
@@ -41,6 +41,28 @@ def fake_renderer(monkeypatch):
     monkeypatch.setattr(cache, "render_cases", render)
     monkeypatch.setattr("scenes.llvm.select_variant", lambda requested=None: "llvm_ad_spectral")
     return calls
+
+
+NODES = (807, 833, 867, 893)
+
+
+def view(
+    camera: Camera, target: Target, earth: Earth | None = None, range_m: float = 2.0, marker: MarkerDesign | None = None
+) -> View:
+    sun = Sun(phase_deg=30.0, azimuth_deg=90.0)
+    return View(
+        camera=camera,
+        marker=marker or MarkerDesign(),
+        target=target,
+        leds=LedRing(count=6),
+        sun=sun,
+        range_m=range_m,
+        nodes_nm=NODES,
+        earth=earth,
+    )
+
+
+SMALL = Camera(width_px=96, height_px=96)
 
 
 def test_a_view_is_rendered_once_and_read_back_bit_for_bit(tmp_path, fake_renderer):
@@ -165,3 +187,28 @@ def test_many_bases_come_in_order_from_cache_and_renderer(tmp_path, fake_rendere
     assert [basis.layers["led"][0, 0, 0] for basis in bases] == [np.float32(r) for r in ranges]
     assert fake_renderer == [r for k, r in enumerate(ranges) if k % 3]
     assert (store.rendered, store.reused) == (20, 7)
+
+
+@pytest.mark.parametrize(
+    ("changes", "anew"),
+    [
+        ({"vignetting": 0.3}, False),
+        ({"veiling_glare": 0.1}, False),
+        ({"point_source_transmittance": ((20.0, 1e-4), (40.0, 1e-5))}, False),
+        ({"k1": -0.1}, True),
+        ({"p2": 1e-3}, True),
+        ({"psf_sigma_px": 0.7}, True),
+    ],
+)
+def test_the_cache_renders_anew_what_changes_transport_alone(changes: dict[str, float], anew: bool) -> None:
+    plain, changed = view(SMALL, Target()), view(SMALL.model_copy(update=changes), Target())
+    assert (cache.key(plain, Quality(), "v") != cache.key(changed, Quality(), "v")) == anew
+
+
+def test_the_cache_tells_earths_apart_by_place_not_by_albedo() -> None:
+    keys = [
+        cache.key(view(SMALL, Target(), earth), Quality(), "v")
+        for earth in (None, Earth(), Earth(albedo=0.6), Earth(phase_deg=80.0), Earth(angular_radius_deg=60.0))
+    ]
+    assert keys[1] == keys[2]
+    assert len(set(keys)) == 4
