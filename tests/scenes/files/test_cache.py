@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ast
 import os
 from collections.abc import Iterable, Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +19,7 @@ from scenes.target import Target
 
 CAMERA = Camera(width_px=48, height_px=40, focal_length_m=2e-3)
 QUALITY = Quality(1, 10_000, 1)
+ROOT = Path(__file__).parents[3]
 
 
 def _view(range_m: float = 2.0, **changes) -> View:
@@ -212,3 +215,34 @@ def test_the_cache_tells_earths_apart_by_place_not_by_albedo() -> None:
     ]
     assert keys[1] == keys[2]
     assert len(set(keys)) == 4
+
+
+def module_file(module: str) -> Path | None:
+    """A module's file relative to the project, or None where there is no such module."""
+    path = Path(*module.split(".")).with_suffix(".py")
+    return path if (ROOT / path).is_file() else None
+
+
+def imported(path: Path) -> set[Path]:
+    """Files of this project that a file imports, deferred imports included."""
+    found = set()
+    for node in ast.walk(ast.parse((ROOT / path).read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and node.module:
+            inside = [module_file(f"{node.module}.{alias.name}") for alias in node.names]
+            found |= {file for file in (*inside, module_file(node.module)) if file is not None}
+    return found
+
+
+def test_the_key_hashes_every_file_that_the_renderer_imports_and_no_other() -> None:
+    """A file left out would serve stale renderings; a file that is gone would stop every rendering."""
+    hashed = {Path(folder) / name for folder, names in cache._CODE.items() for name in names}
+    assert all((ROOT / path).is_file() for path in hashed)
+    reached, todo = set[Path](), [Path("scenes/render/batch.py")]
+    while todo:
+        path = todo.pop()
+        if path not in reached:
+            reached.add(path)
+            todo.extend(imported(path))
+    # They choose the variant, which is part of the key by its name.
+    assert reached - hashed == {Path("scenes/llvm.py"), Path("scenes/atomic.py")}
+    assert hashed <= reached

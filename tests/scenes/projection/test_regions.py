@@ -11,7 +11,18 @@ import pytest
 from radiometry.optics import Camera
 from radiometry.sources import Earth, LedRing, Sun
 from scenes.marker import MarkerDesign
-from scenes.projection.regions import marker_box, uniform_pixels
+from scenes.projection.regions import (
+    Box,
+    at_rest,
+    bounds_m,
+    dilated,
+    edge_normals,
+    frame_box,
+    marker_box,
+    marker_pixels,
+    target_box,
+    uniform_pixels,
+)
 from scenes.render.transport import View
 from scenes.target import Target
 
@@ -112,3 +123,64 @@ def test_the_dense_region_holds_a_marker_whose_edges_bulge(mi: ModuleType) -> No
             assert x.max() <= box.x1
             assert y.min() >= box.y0
             assert y.max() <= box.y1
+
+
+def test_the_rest_of_a_box_around_a_hole_tiles_it() -> None:
+    box, hole = Box(2, 3, 20, 15), Box(5, 4, 20, 9)
+    cover = np.zeros((15, 20), int)
+    for part in (hole, *box.around(hole)):
+        cover[part.slices(Box(0, 0, 20, 15))] += 1
+    assert np.all(cover[3:, 2:] == 1)
+    assert cover.sum() == box.width * box.height
+    assert box.around(box) == []
+    assert box.around(Box(4, 4, 4, 9)) == [box]
+
+
+def test_boxes_are_cut_and_grown() -> None:
+    assert Box(0, 0, 10, 10).within(Box(5, -5, 15, 5)) == Box(5, 0, 10, 5)
+    assert Box(0, 0, 10, 10).within(Box(20, 20, 30, 30)).width == 0
+    assert Box(4, 4, 6, 6).grown(2) == Box(2, 2, 8, 8)
+    assert Box(6, 6, 4, 4).height == 0
+
+
+def test_a_mask_is_dilated_by_a_square() -> None:
+    mask = np.zeros((9, 9), bool)
+    mask[4, 4] = True
+    expected = np.zeros((9, 9), bool)
+    expected[2:7, 2:7] = True
+    np.testing.assert_array_equal(dilated(mask, 2), expected)
+    assert dilated(mask, 0) is mask
+
+
+def test_a_frontal_marker_fills_its_box_and_the_target_its_own() -> None:
+    view = replace(VIEW, target=Target(face_m=0.2, facet_slope_deg=0.0))
+    side = view.marker.size_m / view.range_m * CAMERA.focal_px[0]
+    assert marker_box(view).width == pytest.approx(side + 8, abs=2)
+    assert target_box(view).width == pytest.approx(2 * side + 8, rel=0.02)
+    assert frame_box(view) == Box(0, 0, 96, 96)
+
+
+def test_bounds_hold_marker_and_target() -> None:
+    marker, target = MarkerDesign(), Target(face_m=0.4, facet_slope_deg=0.0, yaw_deg=20.0, tumble_deg_s=3.0)
+    low, high = bounds_m(marker, at_rest(target))
+    np.testing.assert_allclose(low, [-0.2, -0.2, low[2]], atol=1e-12)
+    np.testing.assert_allclose(high, [0.2, 0.2, 0.0], atol=1e-12)
+    assert at_rest(target) == at_rest(target.model_copy(update={"pitch_deg": 5.0, "roll_deg": 1.0}))
+
+
+def test_edges_of_a_frontal_marker_stand_square_to_the_pixels() -> None:
+    normals = edge_normals(replace(VIEW, target=Target()))
+    scale = np.array(CAMERA.focal_px) / VIEW.range_m
+    np.testing.assert_allclose(np.abs(normals), [[scale[1], 0.0], [0.0, scale[0]]], rtol=1e-6, atol=1e-6)
+
+
+def test_pixels_of_the_marker_are_told_by_what_their_centres_show() -> None:
+    view = replace(VIEW, target=Target())
+    seen = marker_pixels(view, frame_box(view))
+    scale = np.prod(CAMERA.focal_px) / view.range_m**2
+    ring = (view.marker.aruco_m * (1 + 2 * view.marker.ring_fraction)) ** 2
+    openings = sum(element.length_m * element.width_m for element in view.marker.elements)
+    assert seen.aruco.sum() == pytest.approx(ring * scale, rel=0.1)
+    assert seen.opening.sum() == pytest.approx(openings * scale, rel=0.15)
+    assert not np.any(seen.blob & ~seen.opening)
+    assert 0 < seen.blob.sum() < seen.opening.sum()
