@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 from pathlib import Path
 
 import pytest
@@ -25,3 +26,14 @@ def stood_for(package: str) -> set[Path]:
 @pytest.mark.parametrize("package", MIRRORED)
 def test_every_module_has_its_test_file_and_every_test_file_its_module(package: str) -> None:
     assert stood_for(package) == modules(package)
+
+
+@pytest.mark.parametrize("package", MIRRORED)
+def test_the_face_of_a_package_lists_its_modules_and_imports_none(package: str) -> None:
+    for face in (ROOT / package).rglob("__init__.py"):
+        inside = {path.stem for path in face.parent.glob("*.py")} - {"__init__"}
+        rooms = {path.parent.name for path in face.parent.glob("*/__init__.py")}
+        [*_, listed] = ast.parse(face.read_text(encoding="utf-8")).body
+        assert isinstance(listed, ast.Assign), face
+        assert ast.literal_eval(listed.value) == sorted(inside | rooms), face
+        assert "import " not in face.read_text(encoding="utf-8"), face
