@@ -31,6 +31,7 @@ class LedClusters(LedRing):
     cluster_radius_m: Positive = Field(0.01, description="radius of the circle of a cluster's LEDs [m]")
 
     def model_post_init(self, _: object) -> None:
+        """Check that the LEDs fill the clusters evenly."""
         if self.count % self.clusters:
             raise ValueError(f"count: {self.count} LEDs, expected a multiple of clusters, {self.clusters}")
 

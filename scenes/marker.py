@@ -126,6 +126,7 @@ class MarkerDesign(BaseModel):
     )
 
     def model_post_init(self, _: object) -> None:
+        """Check what spans several fields: the identity in its dictionary, and parts that must fit beside each other."""
         if self.dictionary not in OWN_DICTIONARIES and f"DICT_{self.dictionary}" not in dir(cv2.aruco):
             raise ValueError(
                 f"dictionary: {self.dictionary!r} is not one of OpenCV's (say '4X4_50' or 'APRILTAG_36h11') nor of "
