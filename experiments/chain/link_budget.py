@@ -130,7 +130,13 @@ class FaceRates:
             return link.sun_transport(points_m, self._viewer_m, view.sun_in_marker, brdf, self._wavelength_nm)
         if source == "led":
             return link.ring_transport(
-                points_m, self._viewer_m, self._leds_m, view.rotation[2], view.leds, brdf, self._wavelength_nm
+                points_m,
+                self._viewer_m,
+                self._leds_m,
+                axis=view.rotation[2],
+                ring=view.leds,
+                brdf=brdf,
+                wavelength_nm=self._wavelength_nm,
             )
         # The Earth's disc is so far, and so wide, that the marker's centre stands for all points.
         assert view.earth is not None
@@ -190,7 +196,9 @@ def solve_link_budget(
     if camera.veiling_glare > 0:
         if mean_rate is None:
             mean_rate = mean_frame_rate(view, lambda points, material: faces.rate(points, material, sources))
-        signal, background = (float(stray.veiled(v, camera.veiling_glare, mean_rate)) for v in (signal, background))
+        signal, background = (
+            float(stray.add_veiling_glare(v, camera.veiling_glare, mean_rate)) for v in (signal, background)
+        )
     if illumination == "sunlit" and camera.point_source_transmittance:
         signal, background = (v + sun_stray_rate(scenario) for v in (signal, background))
     speed_m_s = scenario.target.tumble_speed_m_s

@@ -22,7 +22,7 @@ def renderer_variance_fraction(
     """Largest share of the renderer's variance in shot noise's, over the ArUco's and the elements' pixels, in an exposure.
 
     A pixel that would overflow counts in the exposure that just fills it. The renderer's variance is that of two independent
-    halves of the rays, averaged over 5 × 5 pixels (`scenes.render.density.fractions`). NaN where the basis does not tell it, or no such
+    halves of the rays, averaged over 5 × 5 pixels (`scenes.render.density.variance_fractions`). NaN where the basis does not tell it, or no such
     pixel is in the frame.
 
     Args:
@@ -45,4 +45,4 @@ def renderer_variance_fraction(
         draw += basis.noise[source][part] * float(np.sum(node_weights(strength[source] * response, basis.nodes_nm)))
     electrons = (electron_rate(scenario, basis, illumination) if rate is None else rate)[part] * seconds
     fill = np.minimum(1.0, usable_well_electrons(scenario.sensor) / np.maximum(electrons, 1e-12))
-    return float(density.fractions(draw * falloff * fill, electrons * fill, pixels)[pixels].max())
+    return float(density.variance_fractions(draw * falloff * fill, electrons * fill, pixels)[pixels].max())

@@ -127,14 +127,14 @@ def _sensors() -> list[Entry]:
 
 
 def _tapes() -> list[Entry]:
-    from materials.observed import observed
+    from materials.goniometer import goniometer_scan
 
     found = []
     for name in library.available():
         if not name.startswith("tape_") or name.endswith(END_OF_LIFE):
             continue
         material = library.load(name)
-        returned = observed(material, 5.0, np.array(_OBSERVATION_DEG))
+        returned = goniometer_scan(material, 5.0, np.array(_OBSERVATION_DEG))
         values = {f"at_{angle:g}_deg": round(float(f), 1) for angle, f in zip(_OBSERVATION_DEG, returned, strict=True)}
         found.append(Entry("target.tape_material", name, values, f"{material.title}. {material.source}"))
     return found

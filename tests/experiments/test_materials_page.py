@@ -51,7 +51,7 @@ def test_peaks_are_those_of_the_lobes(rows: list[materials_page.MaterialRow]) ->
 
 def test_a_mirror_glints_at_twice_the_entrance_angle() -> None:
     angles = np.linspace(0.05, 90, 1800)
-    brightest = angles[np.argmax(materials_page.observed(library.load("mli_bare"), 30.0, angles))]
+    brightest = angles[np.argmax(materials_page.goniometer_scan(library.load("mli_bare"), 30.0, angles))]
     assert brightest == pytest.approx(60.0, abs=0.2)
 
 

@@ -17,8 +17,8 @@ from rich.table import Table
 from experiments.reporting.figures import BLACK, BLUE, GREEN, VERMILION, new_figure, save_svg
 from experiments.reporting.files import write_text
 from materials import library
+from materials.goniometer import WAVELENGTH_NM, goniometer_scan
 from materials.library import END_OF_LIFE, Material
-from materials.observed import WAVELENGTH_NM, observed
 
 ENTRANCES_DEG = (5.0, 30.0, 60.0)
 _COLOURS = (BLUE, GREEN, VERMILION)
@@ -74,7 +74,7 @@ def _row(material: Material) -> MaterialRow:
         name=material.name,
         title=material.title,
         life="end" if material.name.endswith(END_OF_LIFE) else "beginning",
-        peak_per_sr=float(observed(material, ENTRANCES_DEG[0], _OBSERVATION_DEG).max()),
+        peak_per_sr=float(goniometer_scan(material, ENTRANCES_DEG[0], _OBSERVATION_DEG).max()),
         albedo_0=at_0,
         albedo_30=at_30,
         albedo_60=at_60,
@@ -103,7 +103,7 @@ def lobe_figure(pairs: Sequence[tuple[Material, Material | None]]) -> Figure:
         for entrance, colour in zip(ENTRANCES_DEG, _COLOURS, strict=True):
             for material, style in ((fresh, "-"), (worn, "--")):
                 if material is not None:
-                    f = observed(material, entrance, _OBSERVATION_DEG)
+                    f = goniometer_scan(material, entrance, _OBSERVATION_DEG)
                     axes.loglog(_OBSERVATION_DEG, f, style, color=colour, linewidth=1.0)
         axes.set_title(_short(fresh.name), loc="left", fontweight="bold")
         axes.set_xticks([0.1, 1, 10, 90], ["0.1", "1", "10", "90"])

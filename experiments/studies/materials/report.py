@@ -11,7 +11,7 @@ from experiments.reporting.html import Report, figure, render
 from experiments.reporting.sections import digest, made_by, versions_text
 from experiments.studies.materials import page as materials_page
 from experiments.studies.materials.page import MaterialRow
-from materials.observed import WAVELENGTH_NM
+from materials.goniometer import WAVELENGTH_NM
 
 _LOBES = "BRDF against observation angle at three entrance angles, dashed at the end of life."
 _SPECTRA = "Albedo at normal incidence over wavelength; dashed at the end of life."

@@ -12,7 +12,7 @@ from experiments import chain
 from experiments.reporting.figures import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION, new_figure
 from experiments.reporting.formatting import number
 from experiments.thesis.errata.study import WATERFALL_EXPOSURE, full_pixel_snr, limit_margins, thesis_scenario
-from radiometry.corrections import REPAIRS
+from radiometry.corrections import CORRECTIONS
 from radiometry.geometry import FloatArray
 
 _LIGHT_TEXT = {"eclipse": "eclipse, LEDs alone", "sunlit": "LEDs and Sun", "sun alone": "Sun alone"}
@@ -55,12 +55,12 @@ def _waterfall_panel(axis: Axes, case: xr.Dataset, values: FloatArray, factors: 
     """A bar for each step that changes something, and a diamond for each of the three models."""
     changes = np.maximum(np.abs(case.signal_factor - 1), np.abs(case.snr_factor - 1)).values > _VISIBLE
     last, rows = len(changes) - 1, list[str]()
-    models = {0: "as printed", len(REPAIRS): "repaired", last: "full model"}
+    models = {0: "as printed", len(CORRECTIONS): "repaired", last: "full model"}
     beside: dict[str, Any] = {"textcoords": "offset points", "va": "center"}
     for k, value in enumerate(values):
         if changes[k] and k not in (0, last):
             ends, y = (values[k - 1], value), len(rows)
-            axis.barh(y, ends[1] - ends[0], left=ends[0], height=0.62, color=BLUE if k <= len(REPAIRS) else GREEN)
+            axis.barh(y, ends[1] - ends[0], left=ends[0], height=0.62, color=BLUE if k <= len(CORRECTIONS) else GREEN)
             text = _factor(factors[k]) if abs(factors[k] - 1) > _VISIBLE else "–"
             axis.annotate(text, (max(ends), y), xytext=(4, 0), fontsize=8, **beside)
             axis.plot([value, value], [y, y + 1], color="0.6", lw=0.7, zorder=0)

@@ -17,12 +17,12 @@ from rich.table import Table
 from experiments.reporting.formatting import ranges_text, seconds_text
 from experiments.thesis.errata.study import completing_steps, full_pixel_snr, thesis_scenario
 from radiometry.corrections import (
+    CORRECTIONS,
     LED,
     NOISE_IN_QUADRATURE,
-    REPAIRS,
     beam_power_w,
+    corrected,
     printed_model,
-    repaired,
     solar_band_w_m2,
 )
 from radiometry.sources import LedRing
@@ -63,7 +63,7 @@ def _beam() -> dict[str, Any]:
     for cone in (16, 8):
         model = printed_model(PrintedModel(light_cone_deg=cone))
         result[f"printed_{cone}deg_w_sr"] = model.intensity_w_sr
-        result[f"right_{cone}deg_w_sr"] = repaired(model, REPAIRS).intensity_w_sr
+        result[f"right_{cone}deg_w_sr"] = corrected(model, CORRECTIONS).intensity_w_sr
     electrical = thesis_scenario(16.0).leds.electrical_power_w * PrintedModel().led_count
     illumination = beam_power_w(result["printed_16deg_w_sr"], 16.0)
     emitted = beam_power_w(result["as_bought_w_sr"], PrintedModel().led_full_angle_deg)
@@ -199,7 +199,9 @@ def _tape(dataset: xr.Dataset) -> dict[str, Any]:
     scenario = thesis_scenario(16.0)
     lobe = next(r for r in completing_steps(16.0) if "led_brdf" in r.terms).terms["led_brdf"]
     brdf = lobe(PrintedModel(), dataset.range_m.values)
-    diffuse = replace(repaired(printed_model(), REPAIRS), led_brdf=lambda s, r: np.full_like(r, _SPECTRALON / np.pi))
+    diffuse = replace(
+        corrected(printed_model(), CORRECTIONS), led_brdf=lambda s, r: np.full_like(r, _SPECTRALON / np.pi)
+    )
     return {
         "material": scenario.target.tape_material,
         "baseline_m": scenario.leds.ring_radius_m,
@@ -251,7 +253,7 @@ def waterfall_rows(dataset: xr.Dataset) -> list[tuple[str, ...]]:
                 *(("×" + _factor(float(v.signal_factor[k])), "×" + _factor(float(v.snr_factor[k]))) for v in values),
             )
         )
-        if k == len(REPAIRS):
+        if k == len(CORRECTIONS):
             rows.append(line("**repaired**", *state(k)))
     rows.append(line("**full model**", *state(-1)))
     return rows
@@ -261,7 +263,7 @@ def repair_rows() -> list[tuple[str, ...]]:
     """Header, then one row a step: what the thesis prints, what is right, and the source."""
     return [
         ("step", "where", "printed", "right", "source"),
-        *((r.name, r.where, r.printed, r.right, r.source) for r in (*REPAIRS, *completing_steps(16.0))),
+        *((r.name, r.where, r.printed, r.right, r.source) for r in (*CORRECTIONS, *completing_steps(16.0))),
     ]
 
 

@@ -18,8 +18,8 @@ from experiments import chain
 from experiments.scenario import Scenario, load_scenario
 from materials import library
 from radiometry import link
-from radiometry.corrections import LED, REPAIRS, SUN, Repair, printed_model, repaired, waterfall
-from radiometry.extensions import BEAM_OPTICS_EFFICIENCY, Surroundings, completions
+from radiometry.corrections import CORRECTIONS, LED, SUN, Correction, corrected, printed_model, waterfall
+from radiometry.extensions import BEAM_OPTICS_EFFICIENCY, Surroundings, extensions
 from radiometry.geometry import FloatArray
 from radiometry.thesis import PrintedModel
 from scenes.projection.visible import visible_tape
@@ -42,7 +42,7 @@ RANGES_M = tuple(float(r) for r in range(1, 21))
 def thesis_scenario(cone_deg: float, range_m: float = 1.0) -> Scenario:
     """The default scenario with the thesis's beam and 5 mm bit; the rest of it is the thesis's already or not in the thesis."""
     scenario = load_scenario()
-    beam = repaired(printed_model(PrintedModel(light_cone_deg=cone_deg)), REPAIRS)
+    beam = corrected(printed_model(PrintedModel(light_cone_deg=cone_deg)), CORRECTIONS)
     leds = {
         **scenario.leds.model_dump(),
         "count": beam.settings.led_count,
@@ -70,7 +70,7 @@ def pattern_fill(range_m: float) -> tuple[float, float]:
     return share(marker.white_bit_centres_m()), share(marker.black_bit_centres_m())
 
 
-def completing_steps(cone_deg: float) -> tuple[Repair, ...]:
+def completing_steps(cone_deg: float) -> tuple[Correction, ...]:
     """The steps from the repaired model to the full one's physics."""
     scenario = thesis_scenario(cone_deg)
 
@@ -87,7 +87,7 @@ def completing_steps(cone_deg: float) -> tuple[Repair, ...]:
         fill(0),
         fill(1),
     )
-    return completions(surroundings)
+    return extensions(surroundings)
 
 
 @cache
@@ -107,7 +107,7 @@ def _rates(model: str, cone_deg: float) -> FloatArray:
         return _full_rates(cone_deg)
     link_model = printed_model(PrintedModel(light_cone_deg=cone_deg))
     if model == "repaired":
-        link_model = repaired(link_model, REPAIRS)
+        link_model = corrected(link_model, CORRECTIONS)
     ranges = np.array(RANGES_M)
     signal = [link_model.signal_e(ranges, 1.0, sources) for sources in LIGHTS.values()]
     return np.stack([np.stack(signal), np.zeros((len(LIGHTS), len(ranges)))])
@@ -158,7 +158,7 @@ def models_dataset() -> xr.Dataset:
 def waterfall_dataset(models: xr.Dataset) -> xr.Dataset:
     """Signal and SNR after each step from the printed to the full model, over illumination and range."""
     ranges, cone_deg = np.array(RANGES_M), EXPOSURES["1/30 s"][0]
-    steps, start = (*REPAIRS, *completing_steps(cone_deg)), printed_model(PrintedModel(light_cone_deg=cone_deg))
+    steps, start = (*CORRECTIONS, *completing_steps(cone_deg)), printed_model(PrintedModel(light_cone_deg=cone_deg))
     signal, snr = (np.empty((len(steps) + 2, len(LIGHTS), len(ranges))) for _ in range(2))
     for n, (illumination, sources) in enumerate(LIGHTS.items()):
         case = models.sel(illumination=illumination, exposure=WATERFALL_EXPOSURE[illumination])

@@ -41,12 +41,12 @@ class Limits:
     @property
     def printed_marker(self) -> float:
         """Equation 5.19 with the thesis's margin [rad]."""
-        return fov.equation_5_19(self.thesis)
+        return fov.combined_field(self.thesis)
 
     @property
     def marker(self) -> float:
         """Equation 5.19 with one margin in length [rad]."""
-        return fov.equation_5_19(self.found)
+        return fov.combined_field(self.found)
 
 
 def limits(marker: MarkerDesign) -> Limits:
@@ -60,7 +60,7 @@ def limits(marker: MarkerDesign) -> Limits:
         sides=sides,
         whole=fov.element_sides(length, near, depth, half),
         found=fov.element_sides(length, near, depth, fov.margin_of_cut(half, MAX_CUT_FRACTION)),
-        thesis=fov.equation_5_18(sides, THESIS_MARGIN_RAD),
+        thesis=fov.with_margin(sides, THESIS_MARGIN_RAD),
         lateral=fov.lateral_limit(
             marker.element_width_fraction * marker.aruco_m, marker.element_depth_m, LATERAL_SHARE
         ),

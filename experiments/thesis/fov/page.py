@@ -138,7 +138,7 @@ def statements(tree: xr.DataTree, scenario: Scenario) -> list[Statement]:
         return float(np.degrees(value))
 
     return [
-        Statement("eq. 5.17", "field of an element with its line in the middle", "deg", "", deg(fov.equation_5_17(length, depth)),
+        Statement("eq. 5.17", "field of an element with its line in the middle", "deg", "", deg(fov.one_sided_field(length, depth)),
                   deg(fov.centred_field(length, depth)), "as printed it is the field with the line under one end"),
         Statement("eq. 5.18", "field of an element, near side", "deg", "26.6", deg(sides.near), deg(sides.near)),
         Statement("eq. 5.18", "field of an element, far side", "deg", "56.3", deg(sides.far), deg(sides.far)),
@@ -155,7 +155,7 @@ def statements(tree: xr.DataTree, scenario: Scenario) -> list[Statement]:
         Statement("eq. 5.19", "longitudinal field of the marker", "deg", "76.6", deg(found.printed_marker), deg(found.marker),
                   "printed: ±38.3 deg, less than SYS-REQ-1 asks; right: ±52 deg"),
         Statement("eq. 5.19", "the same, in rendered frames", "deg", "76.6", deg(found.printed_marker),
-                  deg(fov.equation_5_19(measured)), "steps of 1 deg"),
+                  deg(fov.combined_field(measured)), "steps of 1 deg"),
         Statement("section 5.6", "lateral field of an element", "deg", "100", nan, deg(2 * found.lateral),
                   "straight walls, a tenth of the floor's width left; the thesis estimates, for walls cut away"),
         Statement("section 5.6", "the same, in rendered frames", "deg", "100", nan, 2 * across, "steps of 1 deg"),

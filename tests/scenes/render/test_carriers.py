@@ -44,7 +44,13 @@ def test_flat_spectra_need_one_wavelength_and_independent_ones_as_many_as_there_
 
 def test_a_basis_is_the_same_with_every_wavelength_traced(mi: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
     view = View(
-        Camera(width_px=40, height_px=40), MarkerDesign(size_m=0.05), TARGET, LedRing(count=5), Sun(), 2.6, NODES
+        camera=Camera(width_px=40, height_px=40),
+        marker=MarkerDesign(size_m=0.05),
+        target=TARGET,
+        leds=LedRing(count=5),
+        sun=Sun(),
+        range_m=2.6,
+        nodes_nm=NODES,
     )
     quality = Quality(marker_rays=60_000)
     few = render_basis(view, quality)

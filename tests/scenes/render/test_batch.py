@@ -25,8 +25,14 @@ from scenes.target import Target
 NODES = (807, 833, 867, 893)
 CAMERA = Camera(width_px=48, height_px=40)
 VIEW = View(
-    CAMERA, MarkerDesign(size_m=0.05), Target(pitch_deg=12, yaw_deg=-15), LedRing(count=6), Sun(), 2.6, NODES
-)  # fmt: skip
+    camera=CAMERA,
+    marker=MarkerDesign(size_m=0.05),
+    target=Target(pitch_deg=12, yaw_deg=-15),
+    leds=LedRing(count=6),
+    sun=Sun(),
+    range_m=2.6,
+    nodes_nm=NODES,
+)
 QUALITY = Quality(marker_rays=300_000)
 #: Views that differ in everything that lanes carry, and two that need a scene or a kernel of their own.
 VIEWS = [
@@ -152,14 +158,19 @@ def test_without_frame_samples_the_surroundings_stay_dark(mi: ModuleType) -> Non
 def test_a_view_renders_to_the_same_bits_however_many_threads_blas_has(alone: list[TransportBasis]) -> None:
     """In a process with one thread for BLAS: no sum is left to threads to order."""
     code = (
-        "import sys; sys.path[:0] = ['tests/scenes']\n"
+        "import sys; sys.path[:0] = ['tests/scenes/render']\n"
         "from test_batch import QUALITY, VIEWS\n"
         "from scenes.files.cache import checksum\n"
         "from scenes.render.transport import render_bases\n"
         "print(*(checksum(basis) for basis in render_bases(VIEWS[:3], QUALITY)))"
     )
     done = subprocess.run(
-        [sys.executable, "-c", code], cwd=Path(__file__).parents[2], env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
-        capture_output=True, text=True, timeout=120, check=True,
-    )  # fmt: skip
+        [sys.executable, "-c", code],
+        cwd=Path(__file__).parents[3],
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=True,
+    )
     assert done.stdout.split() == [checksum(basis) for basis in alone[:3]]

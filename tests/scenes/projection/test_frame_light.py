@@ -27,3 +27,20 @@ def test_the_face_counts_where_it_stands(centre_m: tuple[float, float], share: f
         for at in ((0.0, 0.0), (centre_m[0] / 0.1 * width_m, 0.0))
     )
     assert mean_frame_rate(moved, face_only) == pytest.approx(share * mean_frame_rate(middle, face_only), abs=0.03)
+
+
+def test_a_frame_of_one_brightness_has_that_mean() -> None:
+    """Face, tape and absorber alike, and a face that fills the frame: what the marker hides, it replaces.
+
+    To 4 %: the face is sampled on a grid, and of the openings only the visible floors count as tape.
+    """
+    scenario = load_scenario().at(range_m=3.0)
+    view = chain.view(scenario.at(target=scenario.target.model_dump() | {"face_m": 5.0}))
+    assert mean_frame_rate(view, lambda points, name: np.full(len(points), 7.0)) == pytest.approx(7.0, rel=0.04)
+
+
+def test_light_of_the_tape_goes_with_its_area_in_the_image() -> None:
+    """Tape alone shines: twice as far, a quarter of the light, in the limit in which slits are seen alike."""
+    near, far = (chain.view(load_scenario().at(range_m=r)) for r in (8.0, 16.0))
+    light = [mean_frame_rate(v, lambda points, name: np.full(len(points), float("tape" in name))) for v in (near, far)]
+    assert light[0] / light[1] == pytest.approx(4.0, rel=0.02)

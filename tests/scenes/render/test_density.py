@@ -19,9 +19,14 @@ from scenes.target import Target
 
 #: A marker of 37 px of ArUco at 3.3 m.
 VIEW = View(
-    Camera(width_px=64, height_px=64), MarkerDesign(), Target(pitch_deg=15, yaw_deg=-10, roll_deg=20), LedRing(), Sun(), 3.3,
-    (807, 833, 867, 893),
-)  # fmt: skip
+    camera=Camera(width_px=64, height_px=64),
+    marker=MarkerDesign(),
+    target=Target(pitch_deg=15, yaw_deg=-10, roll_deg=20),
+    leds=LedRing(),
+    sun=Sun(),
+    range_m=3.3,
+    nodes_nm=(807, 833, 867, 893),
+)
 SEEDS = 40
 
 
@@ -72,7 +77,7 @@ def test_the_renderer_stays_below_a_tenth_of_shot_variance(runs, pixels: np.ndar
     mean = layers.mean(axis=0)
     scale = Quality.electrons / np.percentile(mean[seen.aruco], 98)
     scatter = layers.std(axis=0, ddof=1) * scale
-    assert density.fractions(scatter, mean * scale, pixels).max() < 0.1 * 1.2
+    assert density.variance_fractions(scatter, mean * scale, pixels).max() < 0.1 * 1.2
     alone = scatter[pixels] ** 2 / (mean[pixels] * scale)
     assert np.percentile(alone, 99) < 0.1 * chi2.isf(0.001, SEEDS - 1) / (SEEDS - 1)
     told = [float(run.attributes[f"{part}_variance_fraction"]) for run in runs for part in density.PARTS]
@@ -117,11 +122,11 @@ def test_fractions_are_pooled_over_neighbours_that_count() -> None:
     noise, shot = np.zeros((20, 20)), np.full((20, 20), 4.0)
     noise[10, 10] = 10.0
     everywhere = np.ones((20, 20), bool)
-    pooled = density.fractions(noise, shot, everywhere)
+    pooled = density.variance_fractions(noise, shot, everywhere)
     assert pooled.max() == pytest.approx(100 / 4 / 25)
     assert pooled[10, 12] == pooled[12, 10] == pytest.approx(1.0)
     assert pooled[10, 13] == pytest.approx(0, abs=1e-12)
     line = np.zeros((20, 20), bool)
     line[10] = True
-    assert density.fractions(noise, shot, line)[10, 10] == pytest.approx(100 / 4 / 5)
-    assert not density.fractions(noise, shot, ~everywhere).any()
+    assert density.variance_fractions(noise, shot, line)[10, 10] == pytest.approx(100 / 4 / 5)
+    assert not density.variance_fractions(noise, shot, ~everywhere).any()

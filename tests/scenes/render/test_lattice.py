@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from radiometry.optics import pixel_profile_integral
+from scenes.render import lattice
 from scenes.render.lattice import axis_weights, generator, points, reach_px, weights
 
 COUNTS = st.sampled_from([1, 2, 4, 8, 16, 48, 64, 192, 512])
@@ -93,3 +94,11 @@ def test_the_choice_matters() -> None:
 
 def test_halves_get_lattices_of_their_own() -> None:
     assert generator(64, normals(20.0), 0) != generator(64, normals(20.0), 1)
+
+
+def test_few_rays_weigh_as_many() -> None:
+    rng = np.random.default_rng(2)
+    few, many = (lattice.weights(lattice.points(n, g, rng.random(2)), 0.55) for n, g in ((16, 5), (160, 37)))
+    scaled = lattice.in_place_of(few, many)
+    np.testing.assert_allclose(scaled.sum(axis=0), many.sum(axis=0), rtol=1e-5, atol=2e-6)
+    assert few.sum() == pytest.approx(scaled.sum(), rel=1e-3)

@@ -1,4 +1,4 @@
-"""The thesis's link model repaired step by step, against the listing at one end and independent closed forms at the other."""
+"""The thesis's link model corrected step by step, against the listing at one end and independent closed forms at the other."""
 
 from dataclasses import replace
 
@@ -11,14 +11,14 @@ from scipy import constants
 
 from radiometry import link
 from radiometry.corrections import (
+    CORRECTIONS,
     LED,
     NOISE_IN_QUADRATURE,
-    REPAIRS,
     SHEETING_BRDF_SR,
     SUN,
     beam_power_w,
+    corrected,
     printed_model,
-    repaired,
     waterfall,
 )
 from radiometry.optics import Camera, electrons_per_joule, etendue_m2_sr
@@ -31,7 +31,7 @@ CASES = [((LED,), 1 / 30, False), ((LED, SUN), 1e-3, True)]
 
 @pytest.mark.parametrize("cone_deg", [16.0, 8.0])
 @pytest.mark.parametrize(("sources", "exposure_s", "sun"), CASES)
-def test_unrepaired_model_is_the_listing(
+def test_uncorrected_model_is_the_listing(
     sources: tuple[str, ...], exposure_s: float, sun: bool, cone_deg: float
 ) -> None:
     printed = PrintedModel(light_cone_deg=cone_deg)
@@ -43,12 +43,12 @@ def test_unrepaired_model_is_the_listing(
 
 
 @pytest.mark.parametrize("cone_deg", [16.0, 8.0])
-def test_repaired_model_is_the_camera_equation(cone_deg: float) -> None:
-    """By `link.ring_transport` and `optics.etendue_m2_sr`, which share no code with the repairs."""
+def test_corrected_model_is_the_camera_equation(cone_deg: float) -> None:
+    """By `link.ring_transport` and `optics.etendue_m2_sr`, which share no code with the corrections."""
     camera = Camera(pixel_pitch_x_m=8.6e-6, pixel_pitch_y_m=8.6e-6, focal_length_m=20.19e-3, f_number=2.8)
     # Light of 100 emitters of 3.5 W/sr in a cone of 24°, spread evenly over the beam.
     intensity = 350 * (1 - np.cos(np.radians(12))) / (1 - np.cos(np.radians(cone_deg / 2)))
-    model = repaired(printed_model(PrintedModel(light_cone_deg=cone_deg)), REPAIRS)
+    model = corrected(printed_model(PrintedModel(light_cone_deg=cone_deg)), CORRECTIONS)
     band = 101.307  # ASTM G173-03, 800–900 nm
 
     def flat(normal: np.ndarray, to_source: np.ndarray, to_viewer: np.ndarray, wavelength: np.ndarray) -> np.ndarray:
@@ -58,7 +58,10 @@ def test_repaired_model_is_the_camera_equation(cone_deg: float) -> None:
     for range_m in RANGES:
         viewer = np.array([0.0, 0.0, range_m])
         led = (
-            link.ring_transport(np.zeros(3), viewer, viewer[None], [0, 0, -1], LedRing(), flat, [850.0])[0] * intensity
+            link.ring_transport(
+                np.zeros(3), viewer, viewer[None], axis=[0, 0, -1], ring=LedRing(), brdf=flat, wavelength_nm=[850.0]
+            )[0]
+            * intensity
         )
         fill = min(1.0, 0.005 * camera.focal_px[0] / range_m * 0.005 * camera.focal_px[1] / range_m)
         for sources, radiance in (((LED,), led), ((SUN,), band * 0.10), ((LED, SUN), led + band * 0.10)):
@@ -67,9 +70,9 @@ def test_repaired_model_is_the_camera_equation(cone_deg: float) -> None:
             assert model.snr(range_m, 1e-3, sources) == pytest.approx(signal / np.sqrt(signal + 28.2**2), rel=1e-12)
 
 
-def test_repaired_model_is_the_flux_through_the_lens() -> None:
+def test_corrected_model_is_the_flux_through_the_lens() -> None:
     """The other way round: power of the bit into the aperture, over the pixels of its image."""
-    model = repaired(printed_model(), REPAIRS)
+    model = corrected(printed_model(), CORRECTIONS)
     radiance = model.intensity_w_sr / RANGES**2 * 200
     aperture_sr = np.pi * (20.19e-3 / 2.8 / 2) ** 2 / RANGES**2
     pixels = (0.005 * 20.19e-3 / 8.6e-6 / RANGES) ** 2
@@ -77,8 +80,8 @@ def test_repaired_model_is_the_flux_through_the_lens() -> None:
     assert model.signal_e(RANGES, 1 / 30, (LED,)) == pytest.approx(photons * 0.35 * 0.35 / 30, rel=1e-12)
 
 
-def test_repairs_multiply_to_the_published_errors() -> None:
-    start, end = printed_model(), repaired(printed_model(), REPAIRS)
+def test_corrections_multiply_to_the_published_errors() -> None:
+    start, end = printed_model(), corrected(printed_model(), CORRECTIONS)
     near, far = 8.0, 20.0
 
     def ratio(range_m: float, source: str) -> float:
@@ -95,7 +98,9 @@ def test_repairs_multiply_to_the_published_errors() -> None:
 
 
 def test_single_factors_are_what_their_formulas_say() -> None:
-    factors = {s.repair.name: float(s.signal_factor) for s in waterfall(printed_model(), REPAIRS, 20.0, 1 / 30, (LED,))}
+    factors = {
+        s.correction.name: float(s.signal_factor) for s in waterfall(printed_model(), CORRECTIONS, 20.0, 1 / 30, (LED,))
+    }
     assert factors["degrees taken for radians"] == pytest.approx((np.arctan(np.radians(12)) / np.arctan(12)) ** 2)
     assert factors["flux for irradiance"] == pytest.approx(1 / 0.005**2)
     assert factors["diameter for radius"] == pytest.approx(0.25)
@@ -103,16 +108,18 @@ def test_single_factors_are_what_their_formulas_say() -> None:
     assert factors["field of view of 16°"] == pytest.approx(1.316, abs=5e-4)
     assert factors["bits smaller than a pixel"] == pytest.approx(0.344, abs=5e-4)
     assert [factors[n] for n in ("retro peak for the Sun", "solar band", "noise added linearly")] == [1, 1, 1]
-    by_sun = {s.repair.name: float(s.signal_factor) for s in waterfall(printed_model(), REPAIRS, 20.0, 1e-3, (SUN,))}
+    by_sun = {
+        s.correction.name: float(s.signal_factor) for s in waterfall(printed_model(), CORRECTIONS, 20.0, 1e-3, (SUN,))
+    }
     assert by_sun["retro peak for the Sun"] == pytest.approx(SHEETING_BRDF_SR / 200)
     assert by_sun["solar band"] == pytest.approx(1.013, abs=5e-4)
 
 
-@given(st.permutations(REPAIRS), st.floats(0.5, 40))
+@given(st.permutations(CORRECTIONS), st.floats(0.5, 40))
 @settings(deadline=None, derandomize=True, max_examples=30)
 def test_order_changes_single_factors_but_not_the_end(order: list, range_m: float) -> None:
     steps = waterfall(printed_model(), order, range_m, 1e-3, (LED, SUN))
-    end = repaired(printed_model(), REPAIRS)
+    end = corrected(printed_model(), CORRECTIONS)
     assert steps[-1].signal_e == pytest.approx(end.signal_e(range_m, 1e-3, (LED, SUN)), rel=1e-12)
     product = np.prod([s.snr_factor for s in steps]) * printed_model().snr(range_m, 1e-3, (LED, SUN))
     assert float(product) == pytest.approx(float(end.snr(range_m, 1e-3, (LED, SUN))), rel=1e-12)
@@ -130,12 +137,12 @@ def test_noise_in_quadrature_gains_at_most_the_root_of_two(signal_e: float) -> N
 def test_intensity(cone_deg: float, printed: float, right: float) -> None:
     model = printed_model(PrintedModel(light_cone_deg=cone_deg))
     assert model.intensity_w_sr == pytest.approx(printed, rel=2e-5)
-    assert repaired(model, REPAIRS).intensity_w_sr == pytest.approx(right, rel=2e-5)
+    assert corrected(model, CORRECTIONS).intensity_w_sr == pytest.approx(right, rel=2e-5)
 
 
-def test_repaired_beam_holds_the_light_of_the_leds_whatever_its_width() -> None:
+def test_corrected_beam_holds_the_light_of_the_leds_whatever_its_width() -> None:
     for cone_deg in (4.0, 8.0, 16.0, 24.0, 40.0):
-        model = repaired(printed_model(PrintedModel(light_cone_deg=cone_deg)), REPAIRS)
+        model = corrected(printed_model(PrintedModel(light_cone_deg=cone_deg)), CORRECTIONS)
         assert beam_power_w(model.intensity_w_sr, cone_deg) == pytest.approx(beam_power_w(350.0, 24.0), rel=1e-12)
 
 

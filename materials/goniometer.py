@@ -1,4 +1,4 @@
-"""A material's lobe in the retroreflection plane, as a goniometer reads it."""
+"""Reflectance of a material in the retroreflection plane, as a goniometer measures it."""
 
 from __future__ import annotations
 
@@ -11,10 +11,22 @@ from radiometry.geometry import FloatArray
 WAVELENGTH_NM = 850.0
 
 
-def observed(
+def goniometer_scan(
     material: Material, entrance_deg: float, observation_deg: FloatArray, nm: float = WAVELENGTH_NM
 ) -> FloatArray:
-    """f [sr⁻¹] against observation angle, the viewer moving from the source through the normal: a mirror glints at 2β."""
+    """BRDF f [sr⁻¹] against observation angle, for a source at one entrance angle.
+
+    The viewer moves from the source through the normal, so a mirror glints at an observation angle of 2β.
+
+    Args:
+        material: the surface.
+        entrance_deg: angle β of the source from the normal [deg].
+        observation_deg: angles between source and viewer, (n,) [deg].
+        nm: wavelength [nm].
+
+    Returns:
+        (n,) [sr⁻¹].
+    """
     source = np.radians(entrance_deg)
     viewer = source - np.radians(observation_deg)
     to_viewer = np.stack([np.sin(viewer), np.zeros_like(viewer), np.cos(viewer)], axis=-1)

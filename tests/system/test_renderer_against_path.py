@@ -26,13 +26,24 @@ CAMERA = Camera(width_px=48, height_px=40, pixel_pitch_y_m=8.6e-6)
 #: pixels at other angles, under a low Sun that throws shadows into the elements.
 VIEWS = {
     "tilted": View(
-        CAMERA, MarkerDesign(size_m=0.05), Target(pitch_deg=12, yaw_deg=-15), LedRing(count=6), Sun(), 3.0, (NODE_NM,) * 4
+        camera=CAMERA,
+        marker=MarkerDesign(size_m=0.05),
+        target=Target(pitch_deg=12, yaw_deg=-15),
+        leds=LedRing(count=6),
+        sun=Sun(),
+        range_m=3.0,
+        nodes_nm=(NODE_NM,) * 4,
     ),
     "turned": View(
-        CAMERA, MarkerDesign(size_m=0.05), Target(pitch_deg=-20, yaw_deg=8, roll_deg=33), LedRing(count=5),
-        Sun(phase_deg=65, azimuth_deg=100), 2.2, (NODE_NM,) * 4,
+        camera=CAMERA,
+        marker=MarkerDesign(size_m=0.05),
+        target=Target(pitch_deg=-20, yaw_deg=8, roll_deg=33),
+        leds=LedRing(count=5),
+        sun=Sun(phase_deg=65, azimuth_deg=100),
+        range_m=2.2,
+        nodes_nm=(NODE_NM,) * 4,
     ),
-}  # fmt: skip
+}
 #: Renderings by each; sub-pixels of stock's along a pixel's side.
 SEEDS, SAMPLES = 12, 12
 #: Of one pixel in this many tests a false alarm is accepted.
@@ -135,7 +146,7 @@ def test_indirect_light_is_as_faint_as_stated(mi: ModuleType, light: str, stated
     flux = {
         depth: np.array(
             [
-                render_subpixels(scene_view, region, 0, 850, light, seed, spp, depth).mean(dtype=float)
+                render_subpixels(scene_view, region, 0, 850, light, seed=seed, spp=spp, depth=depth).mean(dtype=float)
                 for seed in range(seeds)
             ]
         )

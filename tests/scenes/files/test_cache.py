@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import ast
 import os
 from collections.abc import Iterable, Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from radiometry.optics import Camera
-from radiometry.sources import LedRing, Sun
+from radiometry.sources import Earth, LedRing, Sun
 from scenes.files import cache
 from scenes.marker import MarkerDesign
 from scenes.render.transport import Quality, TransportBasis, View
@@ -17,6 +19,7 @@ from scenes.target import Target
 
 CAMERA = Camera(width_px=48, height_px=40, focal_length_m=2e-3)
 QUALITY = Quality(1, 10_000, 1)
+ROOT = Path(__file__).parents[3]
 
 
 def _view(range_m: float = 2.0, **changes) -> View:
@@ -41,6 +44,28 @@ def fake_renderer(monkeypatch):
     monkeypatch.setattr(cache, "render_cases", render)
     monkeypatch.setattr("scenes.llvm.select_variant", lambda requested=None: "llvm_ad_spectral")
     return calls
+
+
+NODES = (807, 833, 867, 893)
+
+
+def view(
+    camera: Camera, target: Target, earth: Earth | None = None, range_m: float = 2.0, marker: MarkerDesign | None = None
+) -> View:
+    sun = Sun(phase_deg=30.0, azimuth_deg=90.0)
+    return View(
+        camera=camera,
+        marker=marker or MarkerDesign(),
+        target=target,
+        leds=LedRing(count=6),
+        sun=sun,
+        range_m=range_m,
+        nodes_nm=NODES,
+        earth=earth,
+    )
+
+
+SMALL = Camera(width_px=96, height_px=96)
 
 
 def test_a_view_is_rendered_once_and_read_back_bit_for_bit(tmp_path, fake_renderer):
@@ -165,3 +190,59 @@ def test_many_bases_come_in_order_from_cache_and_renderer(tmp_path, fake_rendere
     assert [basis.layers["led"][0, 0, 0] for basis in bases] == [np.float32(r) for r in ranges]
     assert fake_renderer == [r for k, r in enumerate(ranges) if k % 3]
     assert (store.rendered, store.reused) == (20, 7)
+
+
+@pytest.mark.parametrize(
+    ("changes", "anew"),
+    [
+        ({"vignetting": 0.3}, False),
+        ({"veiling_glare": 0.1}, False),
+        ({"point_source_transmittance": ((20.0, 1e-4), (40.0, 1e-5))}, False),
+        ({"k1": -0.1}, True),
+        ({"p2": 1e-3}, True),
+        ({"psf_sigma_px": 0.7}, True),
+    ],
+)
+def test_the_cache_renders_anew_what_changes_transport_alone(changes: dict[str, float], anew: bool) -> None:
+    plain, changed = view(SMALL, Target()), view(SMALL.model_copy(update=changes), Target())
+    assert (cache.key(plain, Quality(), "v") != cache.key(changed, Quality(), "v")) == anew
+
+
+def test_the_cache_tells_earths_apart_by_place_not_by_albedo() -> None:
+    keys = [
+        cache.key(view(SMALL, Target(), earth), Quality(), "v")
+        for earth in (None, Earth(), Earth(albedo=0.6), Earth(phase_deg=80.0), Earth(angular_radius_deg=60.0))
+    ]
+    assert keys[1] == keys[2]
+    assert len(set(keys)) == 4
+
+
+def module_file(module: str) -> Path | None:
+    """A module's file relative to the project, or None where there is no such module."""
+    path = Path(*module.split(".")).with_suffix(".py")
+    return path if (ROOT / path).is_file() else None
+
+
+def imported(path: Path) -> set[Path]:
+    """Files of this project that a file imports, deferred imports included."""
+    found = set()
+    for node in ast.walk(ast.parse((ROOT / path).read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and node.module:
+            inside = [module_file(f"{node.module}.{alias.name}") for alias in node.names]
+            found |= {file for file in (*inside, module_file(node.module)) if file is not None}
+    return found
+
+
+def test_the_key_hashes_every_file_that_the_renderer_imports_and_no_other() -> None:
+    """A file left out would serve stale renderings; a file that is gone would stop every rendering."""
+    hashed = {Path(folder) / name for folder, names in cache._CODE.items() for name in names}
+    assert all((ROOT / path).is_file() for path in hashed)
+    reached, todo = set[Path](), [Path("scenes/render/batch.py")]
+    while todo:
+        path = todo.pop()
+        if path not in reached:
+            reached.add(path)
+            todo.extend(imported(path))
+    # They choose the variant, which is part of the key by its name.
+    assert reached - hashed == {Path("scenes/llvm.py"), Path("scenes/atomic.py")}
+    assert hashed <= reached

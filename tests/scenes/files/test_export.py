@@ -22,10 +22,14 @@ from scenes.target import Target
 VIEW = View(
     # Square pixels, so that the exported image covers the same field; a marker of 24 px on flat foil, so that the image is even
     # where the two reconstruction filters mix in what lies beyond its edge.
-    Camera(width_px=48, height_px=40, pixel_pitch_y_m=8.6e-6),
-    MarkerDesign(size_m=0.05), Target(facet_slope_deg=0, pitch_deg=12, yaw_deg=-15), LedRing(count=3), Sun(), 5.0,
-    (807, 833, 867, 893),
-)  # fmt: skip
+    camera=Camera(width_px=48, height_px=40, pixel_pitch_y_m=8.6e-6),
+    marker=MarkerDesign(size_m=0.05),
+    target=Target(facet_slope_deg=0, pitch_deg=12, yaw_deg=-15),
+    leds=LedRing(count=3),
+    sun=Sun(),
+    range_m=5.0,
+    nodes_nm=(807, 833, 867, 893),
+)
 STRENGTHS = {"led": VIEW.leds.spectral_intensity(), "sun": VIEW.sun.irradiance()}
 BAND_NM = (800.0, 900.0)
 SEEDS = 12

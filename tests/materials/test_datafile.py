@@ -28,9 +28,19 @@ def write(folder: Path, text: str, name: str = "mine.toml") -> str:
 
 @pytest.mark.parametrize(
     "name",
-    ["tape_type_iii", "tape_type_ix", "tape_type_xi", "spectralon", "white_paint", "black_coating", "acrylic_black",
-     "mli_bare", "mli_foil", "aluminium"],
-)  # fmt: skip
+    [
+        "tape_type_iii",
+        "tape_type_ix",
+        "tape_type_xi",
+        "spectralon",
+        "white_paint",
+        "black_coating",
+        "acrylic_black",
+        "mli_bare",
+        "mli_foil",
+        "aluminium",
+    ],
+)
 def test_every_material_of_the_thesis_has_a_beginning_and_an_end_of_life(name: str) -> None:
     assert {name, name + END_OF_LIFE} <= set(available())
 

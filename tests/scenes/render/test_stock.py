@@ -10,22 +10,29 @@ from pathlib import Path
 from types import ModuleType
 
 import numpy as np
+import pytest
 from scipy.stats import t as student
 
 from radiometry.optics import Camera
-from radiometry.sources import LedRing, Sun
+from radiometry.sources import Earth, LedRing, Sun
 from scenes.files.exr import read_basis
 from scenes.llvm import FORCED_VARIANT, SCALAR_VARIANT
 from scenes.marker import MarkerDesign
 from scenes.render import stock
+from scenes.render.stock import render_subpixels
 from scenes.render.transport import LIGHTS, Region, View
 from scenes.target import Target
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 VIEW = View(
-    Camera(width_px=48, height_px=40), MarkerDesign(size_m=0.05), Target(pitch_deg=12, yaw_deg=-15),
-    LedRing(count=4), Sun(), 3.0, (807, 833, 867, 893),
-)  # fmt: skip
+    camera=Camera(width_px=48, height_px=40),
+    marker=MarkerDesign(size_m=0.05),
+    target=Target(pitch_deg=12, yaw_deg=-15),
+    leds=LedRing(count=4),
+    sun=Sun(),
+    range_m=3.0,
+    nodes_nm=(807, 833, 867, 893),
+)
 SEEDS = 20
 RENDER = """
 import pickle, sys
@@ -36,6 +43,36 @@ basis = render_basis(pickle.load(open(sys.argv[1], "rb")), Quality(frame_samples
 basis.attributes["variant"] = mi.variant()
 write_basis(basis, sys.argv[2])
 """
+NODES = (807, 833, 867, 893)
+#: 30° off the axis at the corners, square pixels, no point spread.
+WIDE = Camera(
+    width_px=320,
+    height_px=240,
+    focal_length_m=3e-3,
+    pixel_pitch_y_m=8.6e-6,
+    psf_sigma_px=0.0,
+    k1=-0.2,
+    k2=0.05,
+    p1=1e-3,
+    p2=-2e-3,
+    k3=-0.004,
+)
+
+
+def view(
+    camera: Camera, target: Target, earth: Earth | None = None, range_m: float = 2.0, marker: MarkerDesign | None = None
+) -> View:
+    sun = Sun(phase_deg=30.0, azimuth_deg=90.0)
+    return View(
+        camera=camera,
+        marker=marker or MarkerDesign(),
+        target=target,
+        leds=LedRing(count=6),
+        sun=sun,
+        range_m=range_m,
+        nodes_nm=NODES,
+        earth=earth,
+    )
 
 
 def test_the_scalar_variant_renders_the_same_scene(mi: ModuleType, tmp_path: Path) -> None:
@@ -65,3 +102,8 @@ def test_the_scalar_variant_renders_the_same_scene(mi: ModuleType, tmp_path: Pat
         assert miss.max() < limit, f"{light}: {miss.max():.1f} of {limit:.1f} standard deviations"
         # The interval of the total is a few per cent, so it says something.
         assert limit * spread[-1] < 0.05 * known.mean()
+
+
+def test_stock_mitsuba_refuses_a_distorted_lens(mi: ModuleType) -> None:
+    with pytest.raises(ValueError, match="Mitsuba's own camera has no distortion"):
+        render_subpixels(view(WIDE, Target()), Region(0, 0, 8, 8, 1), 0, 833, "sun", 1)
