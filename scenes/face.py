@@ -53,7 +53,9 @@ class FaceView(View):
     @cached_property
     def translation_m(self) -> FloatArray:
         """Marker's origin in the camera frame, (3,) [m]."""
-        return np.array([self.target.offset_x_m, self.target.offset_y_m, self.range_m]) + self.rotation @ np.array([*self.place_m, 0.0])
+        return np.array([self.target.offset_x_m, self.target.offset_y_m, self.range_m]) + self.rotation @ np.array(
+            [*self.place_m, 0.0]
+        )
 
 
 def face_view(view: View, placed: PlacedMarker) -> FaceView:

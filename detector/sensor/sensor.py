@@ -63,6 +63,11 @@ class Sensor(BaseModel):
     bits: int = Field(12, ge=1, le=16, description="resolution of the converter [bit]; assumption")
     prnu: Fraction = Field(0.0, description="photo response non-uniformity, 1 sigma as a fraction of the response")
     dsnu_electrons: NonNegative = Field(0.0, description="dark signal non-uniformity, 1 sigma [e-]")
+    hot_fraction: Fraction = Field(0.0, description="share of pixels that are hot, at places drawn once for the camera")
+    hot_electrons: NonNegative = Field(
+        20_000.0, description="charge that a hot pixel shows in every frame [e-]; assumption"
+    )
+    dead_fraction: Fraction = Field(0.0, description="share of pixels that do not respond to light, drawn likewise")
     blooming: Fraction = Field(
         0.0, description="part of the charge above the full well that overflows along its column (false: 0, true: 1)"
     )
@@ -167,9 +172,19 @@ class Frame:
 
 
 def fixed_pattern(sensor: Sensor, shape: tuple[int, int], rng: np.random.Generator) -> FixedPattern:
-    """A camera's maps, drawn once from its own seed: white Gaussian PRNU and DSNU of the sensor's 1-sigma values."""
+    """A camera's maps, drawn once from its own seed: white Gaussian PRNU and DSNU of the sensor's 1-sigma values.
+
+    Hot pixels stand in the map of the dark signal, dead ones in that of the response, at −1.
+
+    Args:
+        shape: (height, width) of the detector.
+    """
     prnu = rng.standard_normal(shape, np.float32) * np.float32(sensor.prnu)
     dsnu = rng.standard_normal(shape, np.float32) * np.float32(sensor.dsnu_electrons)
+    # Drawn whatever the shares, so that one more hot pixel changes no other pixel.
+    fate = rng.random(shape, np.float32)
+    prnu[fate < sensor.dead_fraction] = -1
+    dsnu[fate > 1 - sensor.hot_fraction] += np.float32(sensor.hot_electrons)
     return FixedPattern(np.maximum(prnu, np.float32(-1)), dsnu)
 
 
@@ -469,6 +484,11 @@ def _conditional_moments(sensor: Sensor, electrons: FloatArray) -> tuple[FloatAr
     first += (density_high - density_low) / (24 * noise)
     second = noise**2 * second + (inside + high * density_high - low * density_low) / 12
     return centre + first, np.maximum(second - first**2, 0)
+
+
+def has_fixed_pattern(sensor: Sensor) -> bool:
+    """Whether the sensor's pixels differ from each other."""
+    return any((sensor.prnu, sensor.dsnu_electrons, sensor.hot_fraction, sensor.dead_fraction))
 
 
 def usable_well_electrons(sensor: Sensor) -> float:

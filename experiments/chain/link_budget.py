@@ -46,16 +46,23 @@ class LinkBudget:
     def at(self, exposure_s: float) -> dict[str, float]:
         """Signal, background and dark charge [electrons], SNR, CNR, full-well fraction and smear [px] of one exposure."""
         signal, background = self.signal_rate * exposure_s, self.background_rate * exposure_s
-        dark, noise = self.sensor.dark_electrons(exposure_s), self.sensor.total_noise_electrons
+        dark = self.sensor.dark_electrons(exposure_s)
+        noise, noise_of_dark = (self._noise_electrons(level) for level in (signal, background))
+        both = float(np.sqrt((noise**2 + noise_of_dark**2) / 2))  # `link.cnr` takes one noise for either pixel
         return {
             "signal": signal,
             "background": background,
             "dark": dark,
             "snr": float(link.snr(signal, dark, noise)),
-            "cnr": float(link.cnr(signal, background, dark, noise)),
+            "cnr": float(link.cnr(signal, background, dark, both)),
             "full_well_fraction": (signal + dark) / usable_well_electrons(self.sensor),
             "smear_px": self.smear_px_per_s * exposure_s,
         }
+
+    def _noise_electrons(self, level: float) -> float:
+        """Noise beside shot noise of a pixel at a level: read noise, quantisation, and the sensor's non-uniformity [electrons]."""
+        sensor = self.sensor
+        return float(np.sqrt(sensor.total_noise_electrons**2 + sensor.dsnu_electrons**2 + (sensor.prnu * level) ** 2))
 
 
 @dataclass(frozen=True)

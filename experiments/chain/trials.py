@@ -17,7 +17,7 @@ from detector.sensor.sensor import Sensor, usable_well_electrons
 from experiments.chain.belief import Belief
 from experiments.chain.case import Case
 from experiments.chain.detection import detect, pose_errors
-from experiments.chain.exposure import expose
+from experiments.chain.exposure import camera_pattern, expose
 from experiments.chain.link_budget import LinkBudget
 from experiments.chain.statistics import percentile
 from radiometry.geometry import FloatArray
@@ -127,7 +127,7 @@ def _draw_exposure(case: Case, rate: FloatArray, seconds: float, bright: Pixels,
     saturated = float(np.mean(signal >= ceiling - 4 * sensor.total_noise_electrons))
     stated = [s.pose.covariance for s in detections if s.pose is not None]
     values = {
-        **_noise_statistics(signal, background, saturated),
+        **_noise_statistics(signal, background, saturated, _pattern_variance(case, signal, bright, background, dark)),
         "saturated_fraction": saturated,
         "detected_fraction": float(found.mean()),
         "attitude_error_p95_deg": percentile(np.degrees(errors[:, 0]), 95),
@@ -145,6 +145,23 @@ def _draw_exposure(case: Case, rate: FloatArray, seconds: float, bright: Pixels,
     )
 
 
+def _pattern_variance(
+    case: Case, signal: FloatArray, bright: Pixels, background: FloatArray, dark: Pixels
+) -> tuple[float, float]:
+    """Variance [electrons²] that the camera's fixed pattern adds to the noise of bright and dark pixels, from its own maps.
+
+    It is constant from frame to frame, so the scatter over draws does not hold it; a flat target that moves over the pixels does.
+    """
+    pattern = camera_pattern(case.scenario)
+    if pattern is None or not signal.size or not background.size:
+        return 0.0, 0.0
+    found = []
+    for level, pixels in ((signal.mean(), bright), (background.mean(), dark)):
+        deviation = pattern.prnu[pixels].astype(float) * level + pattern.dsnu_electrons[pixels]
+        found.append(float(np.mean(deviation**2)))
+    return found[0], found[1]
+
+
 def _electrons(sensor: Sensor, dn: NDArray[np.uint16]) -> NDArray[np.float32]:
     """Charge that digital numbers stand for [electrons]."""
     return (dn - np.float32(sensor.offset_dn)) * np.float32(sensor.gain_electrons_per_dn)
@@ -159,19 +176,21 @@ def _reason(reasons: Sequence[str | None]) -> str:
     return text if known.total() == len(reasons) else f"{text} ({known.total()} of {len(reasons)} frames)"
 
 
-def _noise_statistics(signal: FloatArray, background: FloatArray, saturated: float) -> dict[str, float]:
+def _noise_statistics(
+    signal: FloatArray, background: FloatArray, saturated: float, pattern: tuple[float, float] = (0.0, 0.0)
+) -> dict[str, float]:
     """Mean levels, SNR and CNR over noise draws (trials, pixels), with half widths of their 95 % intervals.
 
     The variance of a pixel is taken over the draws and averaged over pixels: pixels·(trials − 1) degrees of freedom n, so
     its relative standard deviation is √(2/n), and that of a ratio to its root is half of it. To this adds the scatter of the
-    means, variance over pixels·trials, which prevails below an SNR of about one.
+    means, variance over pixels·trials, which prevails below an SNR of about one. `pattern` is the variance of the fixed pattern.
     """
     means = signal.mean() if signal.size else np.nan, background.mean() if background.size else np.nan
     result = {"signal_rendered": float(means[0]), "background_rendered": float(means[1])}
     names = ("snr_rendered", "snr_rendered_ci95", "cnr_rendered", "cnr_rendered_ci95")
     if saturated > 0.01 or not signal.size or not background.size:
         return {**result, **dict.fromkeys(names, np.nan)}
-    variance = [levels.var(axis=0, ddof=1).mean() for levels in (signal, background)]
+    variance = [levels.var(axis=0, ddof=1).mean() + v for levels, v in zip((signal, background), pattern, strict=True)]
     freedom = [levels.shape[1] * (len(levels) - 1) for levels in (signal, background)]
     total = variance[0] + variance[1]
     snr, cnr = means[0] / np.sqrt(variance[0]), (means[0] - means[1]) / np.sqrt(total)

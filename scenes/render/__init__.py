@@ -2,6 +2,7 @@
 
 __all__ = [
     "batch",
+    "blur",
     "carriers",
     "density",
     "earth",

@@ -9,6 +9,8 @@ import pytest
 
 from detector.sensor.noise import noise_of
 from experiments import chain
+from experiments.chain import trials
+from experiments.chain.exposure import camera_pattern
 from experiments.scenario import Scenario, load_scenario
 from radiometry.geometry import attitude_matrix, faces_camera
 from scenes.render.transport import TransportBasis
@@ -118,12 +120,12 @@ def test_noise_is_known_only_of_images_that_the_sensor_can_have_made(
 @pytest.mark.parametrize("shape", [(160,), (160, 161), (161, 160), (160, 160, 3)])
 def test_an_image_of_another_shape_is_refused(small: Scenario, shape: tuple[int, ...]) -> None:
     with pytest.raises(ValueError, match="the camera 160×160 px"):
-        chain.detect(small, np.zeros(shape, np.uint16))
+        chain.detect(chain.Belief.of(small), np.zeros(shape, np.uint16))
 
 
 def test_pose_errors_compare_with_the_scenarios_truth(small: Scenario, small_basis: TransportBasis) -> None:
     frame = chain.expose(small, chain.electron_rate(small, small_basis, "eclipse"), "eclipse", 5e-7)
-    pose = chain.detect(small, frame.dn).pose
+    pose = chain.detect(chain.Belief.of(small), frame.dn).pose
     angle, relative = chain.pose_errors(small, pose)
     assert np.degrees(angle) < 2
     assert relative < 0.01
@@ -161,3 +163,41 @@ def test_a_bit_that_is_larger_than_the_frame_counts_with_some_of_its_pixels() ->
     assert 0 < sum(len(rows) for rows, _ in pixels) < 40**2 * len(pixels)
     assert all(np.all((r >= 0) & (r < 580) & (c >= 0) & (c < 752)) for r, c in pixels)
     assert np.isfinite(chain.link_budget(scenario, "eclipse").signal_rate)
+
+
+def test_the_fixed_pattern_of_a_scenario_is_in_every_frame_and_the_same_in_each(small: Scenario) -> None:
+    """PRNU, DSNU, hot and dead pixels change the frames; what differs from frame to frame is the noise alone."""
+    rate = np.full((64, 64), 1e6)
+    flat = changed(small, "sensor", prnu=0.0).at(camera={**small.camera.model_dump(), "width_px": 64, "height_px": 64})
+    uneven = changed(flat, "sensor", prnu=0.05, dsnu_electrons=40.0, hot_fraction=0.01, dead_fraction=0.01)
+    pattern = camera_pattern(uneven)
+    assert camera_pattern(flat) is None
+    assert pattern is not None
+    mean = np.mean([chain.expose(uneven, rate, "eclipse", 5e-3, trial).dn for trial in range(64)], axis=0)
+    plain = np.mean([chain.expose(flat, rate, "eclipse", 5e-3, trial).dn for trial in range(64)], axis=0)
+    gain = uneven.sensor.gain_electrons_per_dn
+    expected = (5000 * pattern.prnu + pattern.dsnu_electrons) / gain
+    hot, dead = pattern.dsnu_electrons > 10_000, pattern.prnu == -1
+    assert hot.sum() == pytest.approx(41, abs=20)
+    assert dead.sum() == pytest.approx(41, abs=20)
+    good = ~hot & ~dead
+    noise = np.sqrt(2 * (5000 + uneven.sensor.total_noise_electrons**2) / 64) / gain
+    assert np.abs((mean - plain - expected)[good]).max() < 5 * noise
+    assert (mean[hot] > plain.max()).all()
+    assert (mean[dead & ~hot] < 0.2 * plain.mean()).all()
+
+
+def test_the_closed_form_counts_the_non_uniformity_as_the_pixels_show_it(small: Scenario) -> None:
+    """SNR of bits on an uneven sensor: temporal noise and the pattern's own variance at their pixels against S/√(S+D+σ²+…)."""
+    uneven = changed(small, "sensor", prnu=0.03, dsnu_electrons=30.0).at(
+        budget={**small.budget.model_dump(), "trials": 64}
+    )
+    case = chain.Case(uneven, "eclipse")
+    rate = chain.electron_rate(uneven, chain.transport(uneven), "eclipse")
+    [drawn] = trials.draw(case, rate, [case.exposure_s("auto")])
+    known = case.link_budget.at(case.exposure_s("auto"))
+    even = chain.link_budget(small, "eclipse").at(case.exposure_s("auto"))
+    assert known["snr"] < 0.9 * even["snr"]
+    pixels = len(case.bright.index[0])
+    # The variance of a pattern over n pixels is known to √(2/n) of itself.
+    assert drawn.values["snr_rendered"] == pytest.approx(known["snr"], rel=3 * np.sqrt(2 / pixels) / 2 + 0.02)

@@ -24,7 +24,7 @@ KEYS = {"detected", "id", "corners_px", "blobs_px", "virtual_points_px", "pose",
 @pytest.fixture(scope="module")
 def seen(small: Scenario, small_basis: TransportBasis) -> chain.Detection:
     rate = chain.electron_rate(small, small_basis, "sunlit")
-    return chain.detect(small, chain.expose(small, rate, "sunlit", 5e-7).dn)
+    return chain.detect(chain.Belief.of(small), chain.expose(small, rate, "sunlit", 5e-7).dn)
 
 
 def test_a_record_is_plain_data_of_the_documented_shape(small: Scenario, seen: chain.Detection) -> None:
@@ -44,7 +44,7 @@ def test_a_record_is_plain_data_of_the_documented_shape(small: Scenario, seen: c
 
 
 def test_an_empty_image_is_recorded_with_a_reason(small: Scenario) -> None:
-    record = detection.as_record(chain.detect(small, np.full((160, 160), 64, np.uint16)))
+    record = detection.as_record(chain.detect(chain.Belief.of(small), np.full((160, 160), 64, np.uint16)))
     assert set(record) == KEYS
     assert (record["detected"], record["id"], record["corners_px"], record["pose"]) == (False, None, None, None)
     assert record["blobs_px"] == dict.fromkeys(ELEMENT_NAMES)
@@ -56,7 +56,7 @@ def test_words_name_marker_position_and_tilt_or_the_reason(small: Scenario, seen
     assert "Marker 0, corners" in text
     assert "Position" in text
     assert "Tilt" in text
-    blind = chain.detect(small, np.full((160, 160), 64, np.uint16))
+    blind = chain.detect(chain.Belief.of(small), np.full((160, 160), 64, np.uint16))
     assert detection.describe(blind) == [f"Not detected: {blind.features.reason}"]
 
 
@@ -94,12 +94,13 @@ def test_an_on_off_pair_of_files_is_seen_as_its_difference(
         status, out, error = mantis("detect", tmp_path / "on.png", "--off", tmp_path / "off.png", "--json", *overrides)
         assert (status, error) == (0, "")
         seen[kind] = json.loads(out)
-        expected = detection.as_record(chain.detect(camera, images["on"], images["off"]))
+        expected = detection.as_record(chain.detect(chain.Belief.of(camera), images["on"], images["off"]))
         np.testing.assert_allclose(seen[kind]["corners_px"], expected["corners_px"], atol=1e-9)
         truth = chain.view(small).to_image(small.marker.corners_m)
         assert np.abs(np.array(seen[kind]["corners_px"]) - truth).max() < (0.5 if distorted else 0.05)
         assert not np.array_equal(
-            seen[kind]["corners_px"], detection.as_record(chain.detect(camera, images["on"]))["corners_px"]
+            seen[kind]["corners_px"],
+            detection.as_record(chain.detect(chain.Belief.of(camera), images["on"]))["corners_px"],
         )
     np.testing.assert_allclose(seen["own"]["corners_px"], seen["stretched"]["corners_px"], atol=0.02)
 
@@ -107,4 +108,4 @@ def test_an_on_off_pair_of_files_is_seen_as_its_difference(
 def test_an_off_frame_of_another_kind_is_refused(small: Scenario) -> None:
     on = np.full((160, 160), 64, np.uint16)
     with pytest.raises(ValueError, match="off: 160×160 px of uint8; expected 160×160 px of uint16"):
-        chain.detect(small, on, on.astype(np.uint8))
+        chain.detect(chain.Belief.of(small), on, on.astype(np.uint8))

@@ -74,7 +74,7 @@ def test_the_pose_is_recovered_through_a_distorted_lens() -> None:
     corners = truth.to_image(scenario.marker.corners_m)
     assert np.linalg.norm(corners - _ideal_corners(truth), axis=1).min() > 0.2
     for trial in range(4):
-        seen = chain.detect(scenario, chain.expose(scenario, rate, "eclipse", seconds, trial).dn)
+        seen = chain.detect(chain.Belief.of(scenario), chain.expose(scenario, rate, "eclipse", seconds, trial).dn)
         assert seen.features.reason is None  # all four blobs
         np.testing.assert_allclose(seen.features.corners_px, corners, atol=0.1)
         assert seen.pose is not None

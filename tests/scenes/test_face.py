@@ -70,7 +70,7 @@ def test_each_marker_stands_in_the_frame_as_it_is_rendered_alone(scenario: Scena
     frame = chain.expose(scenario, rate, "eclipse", seconds).dn
     for placed in (LEFT, RIGHT):
         here = scenario.at(marker=placed.design.model_dump())
-        found = chain.detect(here, frame).features
+        found = chain.detect(chain.Belief.of(here), frame).features
         truth = face_view(view, placed).to_image(placed.design.corners_m)
         assert found.corners_px is not None
         # A tenth of a pixel: some four standard deviations of a corner here.

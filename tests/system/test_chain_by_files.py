@@ -38,7 +38,7 @@ def in_one_process(scenario: Scenario, basis: TransportBasis, illumination: str)
     rate = chain.electron_rate(scenario, basis, illumination)
     seconds = chain.solve_exposure(scenario, chain.link_budget(scenario, illumination), scenario.exposure_s)
     frame = chain.expose(scenario, rate, illumination, seconds)
-    return frame, chain.detect(scenario, frame.dn)
+    return frame, chain.detect(chain.Belief.of(scenario), frame.dn)
 
 
 def test_a_rendered_file_holds_the_basis_bit_by_bit(

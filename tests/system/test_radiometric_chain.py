@@ -257,7 +257,7 @@ def test_rendered_snr_and_cnr_lie_within_their_intervals_as_often_as_stated(monk
                    "range_m=4", "budget.trials=10")
     )  # fmt: skip
     basis, sensor = chain.transport(scenario), scenario.sensor
-    blind = chain.detect(scenario, np.full((96, 96), 64, np.uint16))
+    blind = chain.detect(chain.Belief.of(scenario), np.full((96, 96), 64, np.uint16))
     monkeypatch.setattr(chain, "detect", lambda *_: blind)  # 600 frames need no detector to be counted
     inside = {"snr": 0, "cnr": 0}
     cases = 0
