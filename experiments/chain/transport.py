@@ -16,7 +16,8 @@ from experiments.chain.view import view
 from experiments.scenario import Scenario
 from materials import library
 from scenes.files.cache import TransportCache
-from scenes.render.transport import AFTER_TRANSPORT, Quality, TransportBasis, View, render_cases
+from scenes.render.transport import AFTER_TRANSPORT, Quality, TransportBasis, render_cases
+from scenes.view import View
 
 
 def quality(scenario: Scenario) -> Quality:

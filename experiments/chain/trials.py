@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from detector.features import Features
 from detector.sensor.sensor import Sensor, usable_well_electrons
-from experiments.chain.detection import look, pose_errors
+from experiments.chain.detection import detect, pose_errors
 from experiments.chain.exposure import expose
 from experiments.chain.link_budget import LinkBudget
 from experiments.chain.view import view
@@ -63,8 +63,8 @@ class Trials:
     Attributes:
         values: statistics over the draws, by the names of `VARIABLES`.
         detected, attitude_error_deg, range_error: of each draw; errors are NaN without a pose.
-        pose_covariance: mean of what the solver states, (6, 6) of (ω, δt) as `detector.pose.pose.Pose.covariance` [rad, m]; NaN where
-            no draw gave a pose.
+        pose_covariance: mean of what the solver states, (6, 6) of (ω, δt) [rad, m], as `Pose.covariance` of
+            `detector.pose.pose`; NaN where no draw gave a pose.
         reason: what most draws miss and why, and in how many of them something is missing; empty where nothing is.
         frame, features: of the first draw.
     """
@@ -132,7 +132,7 @@ def _draw_exposure(
         frame = expose(scenario, rate, illumination, seconds, trial).dn
         first = frame if first is None else first
         signal[trial], background[trial] = _electrons(sensor, frame[bright]), _electrons(sensor, frame[dark])
-        detections.append(look(scenario, frame))
+        detections.append(detect(scenario, frame))
     assert first is not None
     errors = np.array([pose_errors(scenario, s.pose) for s in detections])
     found = np.array([s.features.detected for s in detections])
@@ -140,16 +140,21 @@ def _draw_exposure(
     saturated = float(np.mean(signal >= ceiling - 4 * sensor.total_noise_electrons))
     stated = [s.pose.covariance for s in detections if s.pose is not None]
     return Trials(
-        {
+        values={
             **_noise_statistics(signal, background, saturated),
             "saturated_fraction": saturated,
             "detected_fraction": float(found.mean()),
             "attitude_error_p95_deg": _percentile95(np.degrees(errors[:, 0])),
             "range_error_p95": _percentile95(errors[:, 1]),
         },
-        found, np.degrees(errors[:, 0]), errors[:, 1], np.mean(stated, axis=0) if stated else np.full((6, 6), np.nan),
-        _reason([s.features.reason for s in detections]), first, detections[0].features,
-    )  # fmt: skip
+        detected=found,
+        attitude_error_deg=np.degrees(errors[:, 0]),
+        range_error=errors[:, 1],
+        pose_covariance=np.mean(stated, axis=0) if stated else np.full((6, 6), np.nan),
+        reason=_reason([s.features.reason for s in detections]),
+        frame=first,
+        features=detections[0].features,
+    )
 
 
 def _electrons(sensor: Sensor, dn: NDArray[np.uint16]) -> NDArray[np.float32]:

@@ -8,7 +8,6 @@ from experiments.scenario.model import (
     apply_override,
     describe,
     explain,
-    json_schema,
     load_data,
     load_scenario,
     overridden,
@@ -16,6 +15,7 @@ from experiments.scenario.model import (
     shipped_scenarios,
     validate,
 )
+from experiments.scenario.schema import json_schema
 
 __all__ = [
     "MATERIAL_KEYS",

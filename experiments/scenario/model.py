@@ -18,7 +18,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from detector.sensor.sensor import Sensor
 from experiments.scenario import errors as messages
-from experiments.scenario.presets import SECTIONS, clear_for_preset, expand, presets
+from experiments.scenario.presets import SECTIONS, clear_for_preset, expand
 from materials import library
 from radiometry.closure import Requirement
 from radiometry.filters import Bandpass
@@ -213,16 +213,6 @@ class Scenario(BaseModel):
             set_key(data, key, value)
         return validate(data)
 
-    def explain(self, key: str) -> str:
-        """What a key means, takes, is by default, and is here: ``scenario.explain("leds.half_angle_deg")``.
-
-        Raises:
-            ValueError: when there is no such key, naming the nearest.
-        """
-        from experiments.scenario.keys import explained
-
-        return explained(key, self)
-
 
 def load_scenario(source: str | Path | None = None, overrides: tuple[str, ...] = ()) -> Scenario:
     """Read a scenario file, or a shipped one by name, and apply ``key=value`` overrides.
@@ -276,22 +266,6 @@ def validate(data: dict[str, Any]) -> Scenario:
         return Scenario.model_validate(data)
     except ValidationError as error:
         raise ScenarioError(explain(error)) from None
-
-
-def json_schema() -> dict[str, Any]:
-    """JSON schema of a scenario file, presets included, for an editor to complete and check."""
-    schema = Scenario.model_json_schema()
-    for section in SECTIONS:
-        reference = schema["properties"][section].get("$ref") or schema["properties"][section]["allOf"][0]["$ref"]
-        properties = schema["$defs"][reference.rsplit("/", 1)[1]]["properties"]
-        description = "fills this section; keys written beside it win"
-        properties["preset"] = {"type": "string", "enum": sorted(presets(section)), "description": description}
-    names = {"anyOf": [{"enum": list(library.available())}, {"type": "string", "pattern": r"\.toml(_eol)?$"}]}
-    for key in MATERIAL_KEYS:
-        told = schema["$defs"]["Target"]["properties"][key]
-        told.update(names)
-        told.pop("type")
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "Mantis scenario", **schema}
 
 
 def shipped_scenarios() -> tuple[str, ...]:
