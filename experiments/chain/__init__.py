@@ -7,7 +7,7 @@ Every study takes these functions from here; each stage can also be run by itsel
 from __future__ import annotations
 
 from detector.sensor.sensor import usable_well_electrons
-from experiments.chain.detection import Detection, detect, pose_errors
+from experiments.chain.detection import DetectedImage, Detection, detect, pose_errors
 from experiments.chain.exposure import expose, frame_generator
 from experiments.chain.illumination import SOURCES, active_sources, responsivity, source_spectra, sun_stray_rate
 from experiments.chain.link_budget import LinkBudget, link_budget, link_budget_beside, solve_exposure
@@ -20,6 +20,7 @@ from scenes.projection.bits import bit_pixels, bit_scale_px
 
 __all__ = [
     "SOURCES",
+    "DetectedImage",
     "Detection",
     "LinkBudget",
     "active_sources",

@@ -26,6 +26,10 @@ def renderer_variance_fraction(
     it, or where no such pixel is in the frame.
 
     Args:
+        scenario: of which the basis is.
+        basis: with the renderer's own noise.
+        illumination: 'eclipse' or 'sunlit'.
+        seconds: exposure [s].
         rate: `electron_rate` of the same, where it is known.
     """
     if any(source not in basis.noise for source in active_sources(scenario, illumination)):

@@ -76,6 +76,7 @@ def transports(scenarios: Iterable[Scenario], cache: TransportCache | None = Non
     as they are needed. Each basis is the same as if it had been rendered alone.
 
     Args:
+        scenarios: of each, the geometry is rendered.
         cache: where bases are looked for first and kept; default none.
     """
     taken: deque[Scenario] = deque()

@@ -67,6 +67,7 @@ def rendered(scenario: Scenario, prepared: Prepared, drive: float, pair: bool) -
         scenario: of the state, LED current included.
         prepared: its geometry at the current of the scenario that was opened.
         drive: LED current over that.
+        pair: whether the frame is the difference of two, with and without the LEDs.
     """
     budgets, illumination = prepared.budgets.scaled(drive), scenario.illumination
     budget, rate = budgets.by_illumination[illumination], prepared.rate(illumination, drive)

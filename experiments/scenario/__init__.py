@@ -2,6 +2,7 @@
 
 from experiments.scenario.model import (
     MATERIAL_KEYS,
+    KeyValue,
     Range,
     Scenario,
     ScenarioError,
@@ -19,6 +20,7 @@ from experiments.scenario.schema import json_schema
 
 __all__ = [
     "MATERIAL_KEYS",
+    "KeyValue",
     "Range",
     "Scenario",
     "ScenarioError",

@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -30,6 +30,8 @@ from scenes.target import Target
 
 Range = Annotated[float, Field(ge=0.05, le=1000, allow_inf_nan=False)]
 Exposure = Annotated[float, Field(gt=0, le=100, allow_inf_nan=False)] | Literal["auto"]
+#: A value of a scenario key.
+KeyValue = float | str | bool | Sequence[float]
 Illumination = Literal["eclipse", "sunlit"]
 
 DEFAULT_SCENARIO = "default"
@@ -202,7 +204,7 @@ class Scenario(BaseModel):
             apply_override(data, override)
         return validate(data)
 
-    def with_values(self, values: Mapping[str, Any]) -> Scenario:
+    def with_values(self, values: Mapping[str, KeyValue]) -> Scenario:
         """A copy with values by dotted key, say ``{"leds.count": 20}``.
 
         Raises:

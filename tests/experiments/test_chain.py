@@ -54,7 +54,7 @@ def test_transport_does_not_change_with_what_is_applied_after_it(small: Scenario
     ]  # fmt: skip
     other: list[tuple[str, dict[str, Any]]] = [
         ("leds", {"ring_radius_m": 0.06}), ("leds", {"half_angle_deg": 20.0}), ("camera", {"focal_length_m": 0.03}),
-        ("camera", {"psf_sigma_px": 1.0}), ("sunlit", {"phase_deg": 30.0}), ("target", {"yaw_deg": 5.0}),
+        ("camera", {"psf_sigma_px": 1.0}), ("sun", {"phase_deg": 30.0}), ("target", {"yaw_deg": 5.0}),
         ("marker", {"identity": 3}), ("filter", {"low_nm": 820.0}),
     ]  # fmt: skip
     for section, values in same:
@@ -71,7 +71,7 @@ def test_rates_add_up_and_scale_with_their_sources(small: Scenario, small_basis:
     assert (sun >= eclipse).all()
     twice = changed(small, "leds", count=100, intensity_w_sr=7.0)
     np.testing.assert_allclose(chain.electron_rate(twice, small_basis, "eclipse"), 2 * eclipse, rtol=1e-12)
-    far = changed(small, "sunlit", distance_au=2.0)
+    far = changed(small, "sun", distance_au=2.0)
     in_far_sun = chain.electron_rate(far, small_basis, "sunlit")
     np.testing.assert_allclose(in_far_sun - eclipse, (sun - eclipse) / 4, rtol=1e-9, atol=1e-6)
 

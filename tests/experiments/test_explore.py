@@ -21,8 +21,8 @@ from detector.sensor.sensor import expose
 from experiments import chain
 from experiments.explore import closed, frame
 from experiments.explore.controls import controls, geometry_of, read_state, scenario_of, write_state, write_value
+from experiments.explore.geometries import Budgets, GeometryStore, Prepared, Task
 from experiments.explore.server import Server
-from experiments.explore.geometries import Budgets, Prepared, GeometryStore, Task
 from experiments.scenario import load_scenario
 
 #: A median answer on the page within this [ms].
@@ -83,11 +83,13 @@ def test_values_of_transport_snap_and_live_ones_do_not(base):
 @pytest.mark.parametrize(
     ("query", "words"),
     [
-        ("rnage_m=2", "rnage_m: not a control"), ("range_m=near", "range_m: 'near', expected a number [m]"),
-        ("range_m=99", "range_m: 99, expected 2 to 3 [m]"), ("illumination=dawn", "illumination: 'dawn', expected one of eclipse, sunlit"),
+        ("rnage_m=2", "rnage_m: not a control"),
+        ("range_m=near", "range_m: 'near', expected a number [m]"),
+        ("range_m=99", "range_m: 99, expected 2 to 3 [m]"),
+        ("illumination=dawn", "illumination: 'dawn', expected one of eclipse, sunlit"),
         ("exposure_s=nan", "expected a number [s]"),
     ],
-)  # fmt: skip
+)
 def test_a_wrong_link_is_told_in_one_line(base, query, words):
     with pytest.raises(ValueError, match=r"^[^\n]+$") as caught:
         read_state(query, controls(base))

@@ -188,8 +188,8 @@ def explore(options: Options, scenario: str | None, host: str, port: int, no_bro
     announce_variant(options)
     from experiments.chain.executor import Processes
     from experiments.explore.explorer import Explorer
-    from experiments.explore.server import LOOPBACK, Server
     from experiments.explore.geometries import GeometryStore
+    from experiments.explore.server import LOOPBACK, Server
 
     with GeometryStore(Processes(1)) as store, Server(Explorer(chosen, store), host, port) as server:
         options.say(server.url, "Ctrl-C ends it.")
