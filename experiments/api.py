@@ -7,7 +7,7 @@ renderer; `shoot`, `render`, `budget`, `sweep`, `validate` and `glare` render. T
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from detector.sensor.sensor import Frame
     from experiments.chain import DetectedImage
     from experiments.chain.shoot import Exposure
+    from experiments.chain.trials import Progress
     from experiments.scenario import KeyValue, Scenario
     from experiments.studies.budget.study import BudgetResult
     from experiments.studies.close.study import Study
@@ -46,9 +47,6 @@ __all__ = [
     "sweep",
     "validate",
 ]
-
-#: Reports progress: steps done, steps in all, what is being worked on.
-Progress: TypeAlias = Callable[[int, int, str], None]
 
 
 def load(source: str | Path | None = None, *overrides: str) -> Scenario:
