@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
     from detector.sensor.sensor import Frame
     from experiments.chain import DetectedImage
+    from experiments.chain.progress import Progress
     from experiments.chain.shoot import Exposure
-    from experiments.chain.trials import Progress
     from experiments.scenario import KeyValue, Scenario
     from experiments.studies.budget.study import BudgetResult
     from experiments.studies.close.study import Study

@@ -61,6 +61,11 @@ class Target(BaseModel):
         return self
 
     @property
+    def tumble_speed_m_s(self) -> float:
+        """Speed of the marker across the line of sight as the target tumbles [m/s]."""
+        return float(np.radians(self.tumble_deg_s) * self.tumble_lever_m)
+
+    @property
     def materials(self) -> tuple[str, ...]:
         """Names of all materials: tape, absorber, face, and the bars' where there are any."""
         names = self.tape_material, self.absorber_material, self.face_material

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from experiments.chain.link_budget import LinkBudget, link_budget, solve_exposure
+from experiments.chain.case import Case
+from experiments.chain.link_budget import LinkBudget, solve_exposure
 from experiments.chain.provenance import provenance
 from experiments.scenario import KeyValue, Scenario, keys
 from radiometry import closure
@@ -57,7 +58,7 @@ def closed_form(scenario: Scenario, axes: Mapping[str, Iterable[KeyValue]] | Non
     cases = []
     for combination in itertools.product(*(values[key] for key in outer)):
         here = scenario.with_values(dict(zip(outer, combination, strict=True)))
-        budget = link_budget(here, here.illumination)
+        budget = Case.of(here).link_budget
         cases += [_case(here.with_values({"exposure_s": exposure}), budget) for exposure in exposures]
     data = {
         name: (

@@ -6,7 +6,7 @@ A case is a scenario's geometry, an illumination and an exposure. Every study th
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,22 +14,16 @@ from numpy.typing import NDArray
 
 from detector.features import Features
 from detector.sensor.sensor import Sensor, usable_well_electrons
+from experiments.chain.case import Case
 from experiments.chain.detection import detect, pose_errors
 from experiments.chain.exposure import expose
 from experiments.chain.link_budget import LinkBudget
-from experiments.chain.view import view
-from experiments.scenario import Scenario
+from experiments.chain.statistics import percentile
 from radiometry.geometry import FloatArray
 from radiometry.thesis import PrintedModel
-from scenes.projection.bits import bit_pixels
-
-#: Reports progress: cases done, cases in all, what is being worked on.
-Progress = Callable[[int, int, str], None]
 
 #: Rows and columns of some pixels.
 Pixels = tuple[NDArray[np.intp], NDArray[np.intp]]
-#: Pixels of each bit.
-BitPixels = list[Pixels]
 
 #: What is known of a case: unit and long name.
 VARIABLES: dict[str, tuple[str, str]] = {
@@ -79,13 +73,16 @@ class Trials:
     features: Features
 
 
-def known_values(
-    scenario: Scenario, illumination: str, budget: LinkBudget, rate: FloatArray, seconds: list[float]
-) -> dict[str, list[float]]:
-    """Per exposure, what needs no noise: closed form, thesis, and the rendered expectation."""
-    scene_view, marker, printed = view(scenario), scenario.marker, PrintedModel()
-    signal_rate = _mean_over_bits(rate, bit_pixels(scene_view, marker.white_bit_centres_m()))
-    background_rate = _mean_over_bits(rate, bit_pixels(scene_view, marker.black_bit_centres_m()))
+def known_values(case: Case, budget: LinkBudget, rate: FloatArray, seconds: list[float]) -> dict[str, list[float]]:
+    """Per exposure, what needs no noise: closed form, and the rendered expectation.
+
+    Args:
+        budget: of the case, with the veil of the frame where it has one (`Case.link_budget_beside`).
+        rate: electron rate of every pixel (height, width) [e-/s].
+        seconds: exposures.
+    """
+    signal_rate, background_rate = case.bright.mean(rate), case.dark.mean(rate)
+    well, printed = usable_well_electrons(case.scenario.sensor), PrintedModel()
     values: dict[str, list[float]] = {name: [] for name in VARIABLES}
     for t in seconds:
         analytic = budget.at(t)
@@ -94,42 +91,31 @@ def known_values(
             values[f"{name}_analytic"].append(analytic[name])
         values["signal_expected"].append(signal_rate * t)
         values["background_expected"].append(background_rate * t)
-        values["full_well_fraction"].append(
-            (signal_rate * t + analytic["dark"]) / usable_well_electrons(scenario.sensor)
-        )
+        values["full_well_fraction"].append((signal_rate * t + analytic["dark"]) / well)
         values["smear_px"].append(analytic["smear_px"])
-        values["snr_thesis"].append(float(printed.snr(scenario.range_m, t, sun=illumination == "sunlit")))
+        values["snr_thesis"].append(float(printed.snr(case.scenario.range_m, t, sun=case.illumination == "sunlit")))
     return {name: v for name, v in values.items() if v}
 
 
-def _mean_over_bits(image: FloatArray, pixels: BitPixels) -> float:
-    """Mean over bits of the mean over each bit's pixels; NaN where none is in the frame."""
-    seen = [image[p].mean() for p in pixels if len(p[0])]
-    return float(np.mean(seen)) if seen else np.nan
-
-
-def draw(scenario: Scenario, rate: FloatArray, illumination: str, seconds: list[float]) -> list[Trials]:
+def draw(case: Case, rate: FloatArray, seconds: list[float]) -> list[Trials]:
     """Noise draws of every exposure: statistics of the bits, detection and pose."""
-    return list(draws(scenario, rate, illumination, seconds))
+    return list(draws(case, rate, seconds))
 
 
-def draws(scenario: Scenario, rate: FloatArray, illumination: str, seconds: list[float]) -> Iterator[Trials]:
+def draws(case: Case, rate: FloatArray, seconds: list[float]) -> Iterator[Trials]:
     """`draw`, one exposure after the other as they are asked for."""
-    scene_view, marker = view(scenario), scenario.marker
-    white = bit_pixels(scene_view, marker.white_bit_centres_m())
-    black = bit_pixels(scene_view, marker.black_bit_centres_m())
+    bright, dark = case.bright.index, case.dark.index
     for t in seconds:
-        yield _draw_exposure(scenario, rate, illumination, t, _index(white), _index(black))
+        yield _draw_exposure(case, rate, t, bright, dark)
 
 
-def _draw_exposure(
-    scenario: Scenario, rate: FloatArray, illumination: str, seconds: float, bright: Pixels, dark: Pixels
-) -> Trials:
-    sensor, trials = scenario.sensor, scenario.budget.trials
+def _draw_exposure(case: Case, rate: FloatArray, seconds: float, bright: Pixels, dark: Pixels) -> Trials:
+    scenario, sensor = case.scenario, case.scenario.sensor
+    trials = scenario.budget.trials
     signal, background = np.empty((trials, len(bright[0]))), np.empty((trials, len(dark[0])))
     detections, first = [], None
     for trial in range(trials):
-        frame = expose(scenario, rate, illumination, seconds, trial).dn
+        frame = expose(scenario, rate, case.illumination, seconds, trial).dn
         first = frame if first is None else first
         signal[trial], background[trial] = _electrons(sensor, frame[bright]), _electrons(sensor, frame[dark])
         detections.append(detect(scenario, frame))
@@ -139,14 +125,15 @@ def _draw_exposure(
     ceiling = (sensor.saturation_dn - sensor.offset_dn) * sensor.gain_electrons_per_dn
     saturated = float(np.mean(signal >= ceiling - 4 * sensor.total_noise_electrons))
     stated = [s.pose.covariance for s in detections if s.pose is not None]
+    values = {
+        **_noise_statistics(signal, background, saturated),
+        "saturated_fraction": saturated,
+        "detected_fraction": float(found.mean()),
+        "attitude_error_p95_deg": percentile(np.degrees(errors[:, 0]), 95),
+        "range_error_p95": percentile(errors[:, 1], 95),
+    }
     return Trials(
-        values={
-            **_noise_statistics(signal, background, saturated),
-            "saturated_fraction": saturated,
-            "detected_fraction": float(found.mean()),
-            "attitude_error_p95_deg": _percentile95(np.degrees(errors[:, 0])),
-            "range_error_p95": _percentile95(errors[:, 1]),
-        },
+        values=values,
         detected=found,
         attitude_error_deg=np.degrees(errors[:, 0]),
         range_error=errors[:, 1],
@@ -169,16 +156,6 @@ def _reason(reasons: Sequence[str | None]) -> str:
         return ""
     text = known.most_common(1)[0][0]
     return text if known.total() == len(reasons) else f"{text} ({known.total()} of {len(reasons)} frames)"
-
-
-def _index(pixels: BitPixels) -> Pixels:
-    return np.concatenate([p[0] for p in pixels]), np.concatenate([p[1] for p in pixels])
-
-
-def _percentile95(values: FloatArray) -> float:
-    """95th percentile of those that are known; NaN when none is."""
-    known = values[np.isfinite(values)]
-    return float(np.percentile(known, 95)) if len(known) else np.nan
 
 
 def _noise_statistics(signal: FloatArray, background: FloatArray, saturated: float) -> dict[str, float]:

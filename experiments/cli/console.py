@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 import xarray as xr
 from rich.console import Group, RenderableType
@@ -88,11 +86,3 @@ def _three(value: float) -> str:
 
 def _small(value: float) -> str:
     return "<0.01" if value < 0.01 else number(value)
-
-
-def plain_table(title: str, header: Sequence[str], *rows: Sequence[object]) -> Table:
-    """A table of text as it stands."""
-    table = Table(*header, title=title)
-    for row in rows:
-        table.add_row(*map(str, row))
-    return table

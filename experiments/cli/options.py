@@ -137,3 +137,11 @@ def _lines() -> Callable[[int, int, str], None]:
             click.echo(f"mantis: {label}, {done} of {total} done", err=True)
 
     return tell
+
+
+def ready_folder(folder: Path) -> None:
+    """Make the folder, or say in one line why not, before anything is computed."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise click.UsageError(f"--out {folder}: cannot be made a folder ({error.strerror})") from error

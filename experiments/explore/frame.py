@@ -74,7 +74,8 @@ def rendered(scenario: Scenario, prepared: Prepared, drive: float, pair: bool) -
     seconds = chain.solve_exposure(scenario, budget, scenario.exposure_s)
     off = np.maximum(prepared.rates[illumination] - prepared.rates["eclipse"], 0.0) if pair else None
     shot = shoot(scenario, rate, off, seconds)
-    known = {name: values[0] for name, values in known_values(scenario, illumination, budget, rate, [seconds]).items()}
+    case = chain.Case(scenario, illumination)
+    known = {name: values[0] for name, values in known_values(case, budget, rate, [seconds]).items()}
     return {
         **_pictures(scenario, shot),
         "histogram": histogram(scenario.sensor, shot.dn),

@@ -15,11 +15,17 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-def write_netcdf(dataset: xr.Dataset, path: Path | str) -> None:
-    """Write a labelled dataset as NetCDF-4, compressed.
+def write_netcdf(dataset: xr.Dataset | xr.DataTree, path: Path | str) -> None:
+    """Write a labelled dataset as NetCDF-4, compressed, or a tree of them.
 
-    It is made in memory: HDF5 does not survive a disk that fills while it writes.
+    A dataset is made in memory: HDF5 does not survive a disk that fills while it writes.
     """
+    from xarray import DataTree
+
+    if isinstance(dataset, DataTree):
+        with atomic_write(path) as temporary:
+            dataset.to_netcdf(temporary, engine="h5netcdf")
+        return
     encoding = {name: {"zlib": True, "complevel": 4} for name, v in dataset.data_vars.items() if v.dtype.kind in "fiub"}
     content = dataset.to_netcdf(engine="h5netcdf", encoding=encoding)
     with atomic_write(path) as temporary:

@@ -9,24 +9,20 @@ from importlib.metadata import version
 
 from pydantic import BaseModel
 
-from experiments.reporting.html import Block, Bullets, Cell, Code, Details, Download, Table, Text
+from experiments.reporting.blocks import Block, Bullets, Cell, Code, Details, Download, Table, Text
 from experiments.scenario import Scenario
 from experiments.scenario.toml import toml_text
 from materials import library
 
 
 def assumptions(scenario: Scenario) -> Iterator[Block]:
-    """What SNR, CNR and the thesis's line mean, the materials with their sources, and every value of the scenario."""
+    """What SNR and CNR mean, the materials with their sources, and every value of the scenario."""
     yield Text(
         (
             "SNR = S / √(S + D + σ²) and CNR = (S − B) / √((S + D + σ²) + (B + D + σ²)): S and B are the mean electrons of a "
             "bright bit's pixels and of the dark cells beside it, D the dark electrons, σ the read noise with quantisation. "
             "The closed form evaluates both from the source, the material, the lens and the sensor; the rendered figures are "
             "statistics of the noise draws of ray-traced frames.",
-            "The thesis's line is its equations and listing exactly as printed. It differs because the printed chain takes "
-            "the flux on a bit for an irradiance, multiplies by the pixel's area twice, returns sunlight and LED light with "
-            "the same retroreflective peak, and has neither background nor full well: for its own system it is "
-            "about a million times too dark in eclipse, and in sunlight right by accident.",
         )
     )
     rows = list(_parameters(scenario))

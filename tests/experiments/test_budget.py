@@ -132,7 +132,7 @@ def test_expose_repeats_the_frames_of_the_budget(
     name = f"range_{range_m:06.2f}m"
     status, _, error = mantis(
         "expose", folder / "out" / "transport" / f"{name}.exr", folder / "tiny.toml", "-o", tmp_path / "frame.png",
-        "--set", f"range_m={range_m}", "--set", f"light={illumination}",
+        "--set", f"range_m={range_m}", "--set", f"illumination={illumination}",
     )  # fmt: skip
     assert (status, error) == (0, "")
     assert (tmp_path / "frame.png").read_bytes() == (

@@ -53,7 +53,7 @@ def desk(
     nodes, layers = small_basis.nodes_nm, small_basis.layers
     bad = layers["sun"].copy()
     bad[1, 3, 3] = np.nan
-    exr.write_basis(TransportBasis(nodes, {**layers, "sunlit": bad}), folder / "nan_basis.exr")
+    exr.write_basis(TransportBasis(nodes, {**layers, "sun": bad}), folder / "nan_basis.exr")
     exr.write_basis(TransportBasis(nodes, {k: -v for k, v in layers.items()}), folder / "negative.exr")
     exr.write_basis(TransportBasis(nodes, {k: v[:, :48] for k, v in layers.items()}), folder / "cropped.exr")
     exr.write_basis(TransportBasis(nodes[:2], {k: v[:2] for k, v in layers.items()}), folder / "two_nodes.exr")
@@ -92,11 +92,11 @@ MISTAKES: list[tuple[tuple[str, ...], str]] = [
     ((*EXPOSE, "--trial", "-1"), "--trial"),
     ((*DETECT, "--require", "beauty"), "--require"),
     (("budget", "--workers", "0"), "--workers"),
-    (("budget", "--require", "soon"), "expected 'closes' or LIGHT:RANGE"),
-    (("budget", "--require", "dusk:3"), "expected 'closes' or LIGHT:RANGE"),
-    (("budget", "--require", "eclipse:nan"), "expected 'closes' or LIGHT:RANGE"),
+    (("budget", "--require", "soon"), "expected 'closes' or ILLUMINATION:RANGE"),
+    (("budget", "--require", "dusk:3"), "expected 'closes' or ILLUMINATION:RANGE"),
+    (("budget", "--require", "eclipse:nan"), "expected 'closes' or ILLUMINATION:RANGE"),
     (("budget", "--require", "eclipse:25"), "judges 1 to 20 m only"),
-    (("budget", "--require", "sun:0.5"), "judges 1 to 20 m only"),
+    (("budget", "--require", "sunlit:0.5"), "judges 1 to 20 m only"),
     # --set
     (set_("leds.count"), "--set leds.count: expected key=value"),
     (set_("=3"), "--set =3: expected key=value"),
@@ -113,7 +113,7 @@ MISTAKES: list[tuple[tuple[str, ...], str]] = [
     (set_("exposure_s=-1"), "exposure_s: -1, expected greater than 0 (exposure and LED pulse [s], or 'auto')"),
     (set_("exposure_s=automatic"), "exposure_s: 'automatic'"),
     (set_("exposure_s=nan"), "exposure_s: nan, expected a finite number"),
-    (set_("light=dusk"), "light: 'dusk', expected 'eclipse' or 'sun'"),
+    (set_("illumination=dusk"), "illumination: 'dusk', expected 'eclipse' or 'sunlit'"),
     (set_("leds.count=1.5"), "leds.count: 1.5, expected a valid integer"),
     (set_("leds=3"), "leds: 3, expected"),
     (set_('title=["a", "b"]'), "title: ['a', 'b'], expected a valid string"),
@@ -130,7 +130,7 @@ MISTAKES: list[tuple[tuple[str, ...], str]] = [
     (set_("camera.focal_length_m=35"), "camera.focal_length_m: 35, expected less than or equal to 10 (focal length [m])"),
     (set_("camera.pixel_pitch_x_m=3.45"), "camera.pixel_pitch_x_m: 3.45, expected less than or equal to 0.001"),
     (set_("leds.ring_radius_m=50"), "leds.ring_radius_m: 50, expected less than or equal to 25"),
-    (set_('budget.illuminations=["dusk"]'), "'dusk', expected 'eclipse' or 'sun'"),
+    (set_('budget.illuminations=["dusk"]'), "'dusk', expected 'eclipse' or 'sunlit'"),
     (set_("sensor.quantum_efficiency=2"), "sensor.quantum_efficiency: 2, expected"),
     (set_("sensor.quantum_efficiency=[[800, 0.3], [700, 0.3]]"), "wavelengths [nm] must increase"),
     (set_("sensor.preset=kodak"), "sensor.preset: 'kodak' is unknown; expected one of"),

@@ -167,7 +167,7 @@ def test_a_set_beside_the_front_fails_as_its_margins_say(study: close.Study) -> 
         ({"focal_length_m": lead.focal_length_m * 0.97}, "sampling"),
         ({"focal_length_m": lead.focal_length_m * 1.03}, "frame"),
         ({"f_number": lead.f_number * 0.9}, "focus"),
-        ({"led_count": 10}, "sunlit"),
+        ({"led_count": 10}, "sun"),
     ):
         sets = sets_of(study.form, replace(lead, **change))
         found = margins(study.form, sets, study.constraints, fly(study.form, sets, study.constraints))

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from detector.features import Features
+from detector.sensor.noise import noise_of
 from experiments import chain
 from experiments.reporting import detection
 from experiments.reporting.files import write_png
@@ -84,7 +85,7 @@ def test_an_on_off_pair_of_files_is_seen_as_its_difference(
         images = {name: (frame * stretch).astype(np.uint16) for name, frame in frames.items()}
         for name, image in images.items():
             write_png(image, tmp_path / f"{name}.png")
-        assert (chain.noise_model(small, images["on"]) is None) == (kind == "stretched")
+        assert (noise_of(small.sensor, images["on"]) is None) == (kind == "stretched")
         overrides = [
             part
             for key in (*lens, "range_m=3", "camera.width_px=160", "camera.height_px=160")

@@ -83,7 +83,7 @@ def test_verdicts_of_the_page_hold(dataset: xr.Dataset) -> None:
     assert (full.full_well_fraction.sel(illumination=["eclipse", "sunlit"], exposure=thesis_exposures) > 1).all()
     assert (full.snr.sel(illumination="eclipse") > 10).all()
     assert facts["eclipse"]["repaired_over_printed_8m"] == pytest.approx(3.47e6, rel=0.005)
-    assert facts["sunlit"]["repaired_alone_over_printed_8m"] == pytest.approx(2.25, abs=0.005)
+    assert facts["sun"]["repaired_alone_over_printed_8m"] == pytest.approx(2.25, abs=0.005)
     assert facts["sampling"]["px_per_bit_20m"] == pytest.approx(0.005 * 20.19e-3 / 8.6e-6 / 20)
     assert facts["sampling"]["ends_m"] < 6 < 11 < facts["sampling"]["ends_10mm_m"] < 12
     assert "16.8 times too much" in facts["beam"]["refusal"]

@@ -9,6 +9,7 @@ import pytest
 import xarray as xr
 from scipy.stats import binom
 
+from experiments.chain.statistics import binomial_interval
 from experiments.scenario import Scenario, load_scenario
 from experiments.studies.features import accuracy, clutter, detection, study, tables
 from experiments.studies.shared.calibrations import Trial
@@ -35,10 +36,10 @@ def test_scatter_and_aliasing_tell_noise_from_what_depends_on_the_sub_pixel_posi
 def test_the_binomial_interval_holds_its_confidence() -> None:
     for probability in (0.02, 0.5, 0.99):
         counts = np.arange(61)
-        low, high = detection.clopper_pearson(counts, 60)
+        low, high = binomial_interval(counts, 60)
         covered = binom.pmf(counts, 60, probability)[(low <= probability) & (probability <= high)].sum()
         assert covered >= 0.95
-    low, high = detection.clopper_pearson(np.array([0.0, 60.0]), 60)
+    low, high = binomial_interval(np.array([0.0, 60.0]), 60)
     assert (low[0], high[1]) == (0.0, 1.0)
     assert clutter.upper_limit(0, 10_000) == pytest.approx(3.0e-4, rel=2e-3)  # the rule of three
 

@@ -14,6 +14,7 @@ from detector.sensor.noise import NoiseModel
 from detector.sensor.pair import shifted
 from detector.sensor.sensor import Sensor, expose
 from experiments import chain
+from experiments.chain.statistics import wilson_interval
 from experiments.scenario import Scenario
 from experiments.studies.glare import case as glare_case
 from experiments.studies.glare import conditions
@@ -23,7 +24,7 @@ from experiments.studies.glare.fusion import difference, fused
 from experiments.studies.glare.gallery import worst_frames
 from experiments.studies.glare.geometry import Geometry, MovedView, Stand, at_sun, cropped, render
 from experiments.studies.glare.modes import MODES, Mode, chaser_shadow, pulse_s, rung_exposures_s, take, through
-from experiments.studies.glare.tables import mode_rows, summarise, verdicts, wilson
+from experiments.studies.glare.tables import mode_rows, summarise, verdicts
 
 STAND = Stand(-4, 7, 10, 1)
 
@@ -204,7 +205,7 @@ def test_a_pair_finds_marker_and_pose(geometry: Geometry) -> None:
 @pytest.mark.parametrize(("successes", "trials"), [(96, 96), (0, 50), (30, 60)])
 def test_wilson_interval_is_scipys(successes: int, trials: int) -> None:
     expected = stats.binomtest(successes, trials).proportion_ci(0.95, method="wilson")
-    assert wilson(successes, trials) == pytest.approx((expected.low, expected.high), abs=1e-6)
+    assert wilson_interval(successes, trials) == pytest.approx((expected.low, expected.high), abs=1e-6)
 
 
 #: One range, two Suns, a mode that works and one whose sunlit bits saturate.

@@ -21,7 +21,6 @@ from headless import Browser, find_browser
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.figure import Figure as Plot
-from scipy import stats
 
 from experiments.reporting import pictures
 from experiments.reporting.figures import new_figure
@@ -29,7 +28,6 @@ from experiments.reporting.html import figure
 from experiments.scenario import Scenario
 from experiments.scenario.toml import toml_text
 from experiments.studies.budget import report as budget_report
-from experiments.studies.budget.figures import detection_interval
 from experiments.studies.budget.report import MAX_PICTURED_RANGES, render_budget_report
 from experiments.thesis.errata import section as errata_section
 from experiments.thesis.tradeoff import report as tradeoff_report
@@ -198,14 +196,6 @@ def test_marker_at_the_edge_of_the_frame_is_cropped_not_refused(make_budget):
     shot = result.snapshots[0]
     picture = pictures.marker_picture(shot.frame, shot.features, np.array([2.0, 118.0]), 40.0, np.zeros((4, 2)))
     assert "stroke-dasharray" in picture.svg
-
-
-def test_detection_interval_is_clopper_and_pearsons():
-    low, high = detection_interval(np.array([0.0, 0.5, 1.0, np.nan]), 16)
-    for found, a, b in zip((0, 8, 16), low, high, strict=False):
-        exact = stats.binomtest(found, 16).proportion_ci(0.95, "exact")
-        assert (a, b) == pytest.approx((exact.low, exact.high))
-    assert (low[3], high[3]) == (0.0, 1.0)
 
 
 _SCALARS = st.one_of(

@@ -207,3 +207,10 @@ def test_the_schema_describes_every_key() -> None:
             node = schema["$defs"][reference.rsplit("/", 1)[1]] if reference else node
             node = node["properties"][part]
         assert node["description"] == LEAVES[key].description
+
+
+@pytest.mark.parametrize(("key", "now"), [("light", "illumination"), ("budget.lights", "budget.illuminations")])
+def test_a_key_of_an_earlier_version_is_told_its_name_of_today(key: str, now: str) -> None:
+    with pytest.raises(ScenarioError, match=f"^{key}: unknown key; it is '{now}' now") as caught:
+        load_scenario(None, (f'{key}="sun"',))
+    assert "\n" not in str(caught.value)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from detector.rectify import ideal_camera, rectified
+from detector.sensor.noise import noise_of
 from experiments import chain
 from experiments.scenario import Scenario, ScenarioError, json_schema, load_scenario, validate
 from scenes.render.transport import TransportBasis, View
@@ -92,7 +93,7 @@ def test_features_far_from_the_axis_keep_their_place_and_spread() -> None:
     ideal = ideal_camera(camera)
     assert ideal.width_px > camera.width_px
     assert (ideal.width_px - camera.width_px) % 2 == 0
-    noise = chain.noise_model(near(), np.zeros((200, 240), np.uint16))
+    noise = noise_of(near().sensor, np.zeros((200, 240), np.uint16))
     assert noise is not None
     image = np.full((200, 240), 200, np.uint16)
     image[60:90, 80:120] = near().sensor.saturation_dn
@@ -190,7 +191,7 @@ def earth_basis() -> TransportBasis:
 def test_the_earth_adds_its_light_in_sunlight_alone() -> None:
     with_it = near(earth={}, sun={"phase_deg": 60.0, "azimuth_deg": 90.0})
     without = near(sun={"phase_deg": 60.0, "azimuth_deg": 90.0})
-    assert set(chain.source_spectra(with_it)) == {"led", "sunlit", "earth"}
+    assert set(chain.source_spectra(with_it)) == {"led", "sun", "earth"}
     rates = {s: [chain.electron_rate(x, earth_basis(), s) for x in (without, with_it)] for s in ("eclipse", "sunlit")}
     np.testing.assert_array_equal(*rates["eclipse"])
     assert np.all(rates["sunlit"][1] >= rates["sunlit"][0])

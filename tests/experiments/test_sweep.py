@@ -232,7 +232,7 @@ def test_an_exposure_that_fails_leaves_its_neighbours_alone(tmp_path, monkeypatc
             raise ValueError("no bit in the frame")
         return original(scenario, budget, exposure)
 
-    monkeypatch.setattr(chain, "exposure_s", never_auto)
+    monkeypatch.setattr(chain, "solve_exposure", never_auto)
     outcome = _run(tmp_path)
     assert outcome.failed == 4
     assert set(outcome.dataset.reason.sel(exposure_s="auto").values.ravel()) == {"ValueError: no bit in the frame"}
@@ -296,7 +296,7 @@ def test_any_slice_is_drawn_and_bad_choices_are_named(tmp_path):
         (("range_m", "nothing", None, ()), "no such variable"),
         (("illumination", "cnr_analytic", None, ()), "must both be numbers"),
         (("range_m", "cnr_analytic", "seed", ()), "not a dimension"),
-        (("range_m", "cnr_analytic", None, ("light=moon",)), "not among eclipse, sun"),
+        (("range_m", "cnr_analytic", None, ("illumination=moon",)), "not among eclipse, sunlit"),
     ):
         with pytest.raises(ValueError, match=message):
             draw_slice(out, *bad, tmp_path / "b.svg")

@@ -41,16 +41,16 @@ def test_rays_meet_the_same_surface_and_the_same_shadows(
     """
     design = DESIGNS[name]
     rng = np.random.default_rng(1)
-    world = Scene(design, Target())
-    assert world.marker is not None
+    scene = Scene(design, Target())
+    assert scene.marker is not None
     side = design.size_m * MM_PER_M
     origin = np.array(camera) * side
     front = np.column_stack([rng.uniform(-0.5, 0.5, (RAYS, 2)) * side, np.zeros(RAYS)])
     direction = (front - origin) / np.linalg.norm(front - origin, axis=1, keepdims=True)
     ray = mi.Ray3f(mi.Point3f(*map(float, origin)), mi.Vector3f(*floats(mi, direction)))
-    ours, theirs = world.marker.find(ray.o, ray.d), world.scene.ray_intersect(ray)
+    ours, theirs = scene.marker.find(ray.o, ray.d), scene.solids.ray_intersect(ray)
     assert np.array(ours.found).all()
-    tape = np.array(theirs.shape == mi.ShapePtr(world.shapes["retro"]))
+    tape = np.array(theirs.shape == mi.ShapePtr(scene.shapes["retro"]))
     same = np.abs(np.array(ours.distance) - np.array(theirs.t)) < 2e-4 * side
     same &= np.abs(np.array(ours.normal) - np.array(theirs.n)).max(axis=0) < 1e-3
     same &= tape == np.array(ours.bright)
@@ -60,7 +60,7 @@ def test_rays_meet_the_same_surface_and_the_same_shadows(
     light = np.column_stack([rng.normal(size=(RAYS, 2)), 2 * np.abs(rng.normal(size=RAYS)) + 0.1])
     towards = mi.Vector3f(*floats(mi, light / np.linalg.norm(light, axis=1, keepdims=True)))
     seen = np.array(ours.sees(ray.o + ray.d * ours.distance, towards))
-    expected = ~np.array(world.scene.ray_test(theirs.spawn_ray(towards)))
+    expected = ~np.array(scene.solids.ray_test(theirs.spawn_ray(towards)))
     facing = np.sum(np.array(theirs.n) * np.array(towards), axis=0) > 0.01
     assert np.mean((seen != expected)[same & facing]) < 5e-4
     assert np.mean(~expected[same & facing]) > 0.01

@@ -62,8 +62,8 @@ def test_frames_and_sightings_by_files_equal_those_of_one_process(
 ) -> None:  # fmt: skip
     frame, seen = in_one_process(small, small_basis, illumination)
     png, electrons, record = tmp_path / "frame.png", tmp_path / "electrons.exr", tmp_path / "detection.json"
-    assert mantis("expose", basis_file, small_file, "-o", png, "--set", f"light={illumination}")[0] == 0
-    assert mantis("expose", basis_file, small_file, "-o", electrons, "--set", f"light={illumination}")[0] == 0
+    assert mantis("expose", basis_file, small_file, "-o", png, "--set", f"illumination={illumination}")[0] == 0
+    assert mantis("expose", basis_file, small_file, "-o", electrons, "--set", f"illumination={illumination}")[0] == 0
     written = cv2.imread(str(png), cv2.IMREAD_UNCHANGED)
     assert written.dtype == np.uint16
     np.testing.assert_array_equal(written, frame.dn)

@@ -47,7 +47,7 @@ class Plate:
         viewer, leds = view.to_marker(np.zeros(3)), view.to_marker(scenario.leds.positions_m())
         transports = {
             "led": link.ring_transport(self.points_m, viewer, leds, view.rotation[2], scenario.leds, brdf, wavelength),
-            "sunlit": link.sun_transport(self.points_m, viewer, view.sun_in_marker, brdf, wavelength),
+            "sun": link.sun_transport(self.points_m, viewer, view.sun_in_marker, brdf, wavelength),
         }
         rates = [
             link.electron_rate(transports[s], wavelength, strength[s], response) for s in chain.SOURCES[illumination]
@@ -70,8 +70,8 @@ def plate() -> Plate:
     return Plate(scenario, chain.transport(scenario), clear, points[clear])
 
 
-@pytest.mark.parametrize("illumination", ["led", "sunlit"])
-def test_rendered_radiance_of_a_plate_is_that_of_lamberts_law(plate: Plate, illumination: str) -> None:
+@pytest.mark.parametrize("light", ["led", "sun"])
+def test_rendered_radiance_of_a_plate_is_that_of_lamberts_law(plate: Plate, light: str) -> None:
     """Rationale: a Lambertian plate is the one target whose radiance needs no table: L = ρ/π · E.
 
     Expected behaviour: every basis image equals it; the mean over 10 000 pixels to 2e-5, the single precision of the
@@ -80,7 +80,7 @@ def test_rendered_radiance_of_a_plate_is_that_of_lamberts_law(plate: Plate, illu
     """
     scenario, view = plate.scenario, chain.view(plate.scenario)
     albedo = 0.5
-    if illumination == "sunlit":
+    if light == "sun":
         irradiance = np.full(len(plate.points_m), view.sun_in_marker[2])
     else:
         towards = view.to_marker(scenario.leds.positions_m())[0] - plate.points_m
@@ -88,10 +88,10 @@ def test_rendered_radiance_of_a_plate_is_that_of_lamberts_law(plate: Plate, illu
         cosine = towards[:, 2] / distance
         half_angle = np.radians(scenario.leds.half_angle_deg)
         irradiance = cosine ** (np.log(0.5) / np.log(np.cos(half_angle))) * cosine / distance**2
-    for image in plate.basis.layers[illumination]:
+    for image in plate.basis.layers[light]:
         ratio = image[plate.clear] / (albedo / np.pi * irradiance) - 1
         assert abs(ratio.mean()) < 2e-5
-        assert np.abs(ratio).max() < {"led": 1e-4, "sunlit": 1e-3}[illumination]
+        assert np.abs(ratio).max() < {"led": 1e-4, "sun": 1e-3}[light]
 
 
 @pytest.mark.parametrize("full_well_fraction", [0.002, 0.5, 0.999])
@@ -127,10 +127,9 @@ def test_electrons_of_a_plate_have_the_mean_and_variance_of_the_closed_form(
 
 def bit_levels(scenario: Scenario, illumination: str, basis: TransportBasis) -> tuple[float, float, chain.LinkBudget]:
     """Rendered electron rates of bright bits and dark cells, and the closed-form budget."""
-    budget = chain.link_budget(scenario, illumination)
-    known = trials.known_values(
-        scenario, illumination, budget, chain.electron_rate(scenario, basis, illumination), [1.0]
-    )
+    case = chain.Case(scenario, illumination)
+    budget = case.link_budget
+    known = trials.known_values(case, budget, chain.electron_rate(scenario, basis, illumination), [1.0])
     return known["signal_expected"][0], known["background_expected"][0], budget
 
 
@@ -259,15 +258,16 @@ def test_rendered_snr_and_cnr_lie_within_their_intervals_as_often_as_stated(monk
     )  # fmt: skip
     basis, sensor = chain.transport(scenario), scenario.sensor
     blind = chain.detect(scenario, np.full((96, 96), 64, np.uint16))
-    monkeypatch.setattr(chain, "look", lambda *_: blind)  # 600 frames need no detector to be counted
+    monkeypatch.setattr(chain, "detect", lambda *_: blind)  # 600 frames need no detector to be counted
     inside = {"snr": 0, "cnr": 0}
     cases = 0
     for illumination in ("eclipse", "sunlit"):
         rate = chain.electron_rate(scenario, basis, illumination)
-        budget = chain.link_budget(scenario, illumination)
+        case = chain.Case(scenario, illumination)
+        budget = case.link_budget
         seconds = list(np.geomspace(20, 0.5 * sensor.full_well_electrons, 32) / budget.signal_rate)
-        known = trials.known_values(scenario, illumination, budget, rate, seconds)
-        drawn = trials.draw(scenario, rate, illumination, seconds)
+        known = trials.known_values(case, budget, rate, seconds)
+        drawn = trials.draw(case, rate, seconds)
         for k, t in enumerate(seconds):
             signal, background = known["signal_expected"][k], known["background_expected"][k]
             dark, noise = sensor.dark_electrons(t), sensor.total_noise_electrons

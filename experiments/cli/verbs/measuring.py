@@ -26,7 +26,7 @@ def features(options: Options, scenario: str | None, quick: bool, workers: int |
     Takes some ten minutes in full on two idle cores. Writes features.md, features.nc, tables and figures into the folder --out
     (default out/features).
     """
-    from experiments.cli.console import plain_table
+    from experiments.reporting.terminal import plain_table
     from experiments.studies.features import study, tables
 
     chosen, out = options.scenario(scenario), options.out or Path("out/features")

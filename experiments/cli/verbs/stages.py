@@ -12,6 +12,7 @@ from experiments.cli.options import (
     Options,
     RequirementNotMet,
     announce_variant,
+    ready_folder,
     shared_options,
     with_progress,
 )
@@ -42,7 +43,9 @@ def doctor(as_json: bool) -> None:
 @SCENARIO
 @click.option("--quick", is_flag=True, help="Fewer ranges, noise draws and rays: a first look within 40 s.")
 @click.option(
-    "--require", metavar="CONDITION", help="'closes' or LIGHT:RANGE, say eclipse:10; exit status 4 where it is not met."
+    "--require",
+    metavar="CONDITION",
+    help="'closes' or ILLUMINATION:RANGE, say eclipse:10; exit status 4 where it is not met.",
 )
 @click.option("--workers", type=click.IntRange(1), help="Processes for the noise draws; default one a core.")
 @shared_options
@@ -59,7 +62,7 @@ def budget(options: Options, scenario: str | None, quick: bool, require: str | N
     if quick:
         chosen = study.quick(chosen)
     out = options.out or Path("out/budget")
-    _ready_folder(out)
+    ready_folder(out)
     announce_variant(options)
     result = with_progress(options, lambda tell: study.run_budget(chosen, out, tell, workers))
 
@@ -94,7 +97,9 @@ def _parse_requirement(require: str | None, scenario: Any) -> tuple[str, float] 
     except ValueError:
         range_m = float("nan")
     if illumination not in scenario.budget.illuminations or not range_m > 0:
-        raise click.UsageError(f"--require {require}: expected 'closes' or LIGHT:RANGE in metres, say eclipse:10")
+        raise click.UsageError(
+            f"--require {require}: expected 'closes' or ILLUMINATION:RANGE in metres, say eclipse:10"
+        )
     nearest, furthest = scenario.budget.ranges_m[0], scenario.budget.ranges_m[-1]
     if not nearest <= range_m <= furthest:
         raise click.UsageError(f"--require {require}: budget.ranges_m judges {nearest:g} to {furthest:g} m only")
@@ -139,7 +144,7 @@ def render(options: Options, scenario: str | None, export: Path | None) -> None:
     if options.out is not None and options.out.suffix.lower() != ".exr":
         raise click.UsageError(f"--out {options.out}: expected a name that ends in .exr")
     if options.out is not None:
-        _ready_folder(options.out.parent)
+        ready_folder(options.out.parent)
     announce_variant(options)
     if export is not None:
         from scenes.files.export import export_scene
@@ -222,14 +227,6 @@ def detect(options: Options, image: Path, scenario: str | None, off: Path | None
     options.say(*detection.describe(seen))
     if (require == "detected" and not record["detected"]) or (require == "pose" and record["pose"] is None):
         raise RequirementNotMet(f"{require}, but {record['reason'] or 'no pose fits the features'}")
-
-
-def _ready_folder(folder: Path) -> None:
-    """Make the folder, or say in one line why not, before anything is computed."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise click.UsageError(f"--out {folder}: cannot be made a folder ({error.strerror})") from error
 
 
 VERBS: tuple[click.Command, ...] = (doctor, budget, render, expose, detect)

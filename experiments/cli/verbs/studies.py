@@ -153,7 +153,7 @@ def close(
     Writes report.html, closure.md, figures and tables into the folder --out (default out/close). --set KEY=VALUE changes the
     scenario, --set close.KEY=VALUE the constraints.
     """
-    from experiments.cli.console import plain_table
+    from experiments.reporting.terminal import plain_table
     from experiments.studies.close import confirm as close_confirm
     from experiments.studies.close import page as close_page
     from experiments.studies.close import report as close_report
@@ -208,7 +208,7 @@ def glare(
     Takes some ten minutes in full on two idle cores. Writes report.html, glare.md, figures and data into the folder --out
     (default out/glare).
     """
-    from experiments.cli.console import plain_table
+    from experiments.reporting.terminal import plain_table
     from experiments.studies.glare import report as study
     from experiments.studies.glare.tables import HEADINGS, TERMINAL, mode_rows, verdicts
 

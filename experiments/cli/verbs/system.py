@@ -21,8 +21,8 @@ def _tell(options: Options, page: Any, out: Path, *tables: str) -> None:
     """Headline, answers, statements and the named tables on the terminal, or all of them as JSON."""
     from rich.markup import escape
 
-    from experiments.cli.console import plain_table
     from experiments.reporting.claims import statement_rows
+    from experiments.reporting.terminal import plain_table
 
     def shown_table(title: str, lines: Any) -> Any:
         # A unit in brackets would be taken for a style.

@@ -40,8 +40,8 @@ def tradeoff(options: Options, problem: Path | None) -> None:
 
     Writes scores, sensitivities and figures into the folder --out (default out/tradeoff).
     """
-    from experiments.cli.console import plain_table
     from experiments.reporting.files import write_text
+    from experiments.reporting.terminal import plain_table
     from experiments.thesis.tradeoff import report, study
 
     out = options.out or Path("out/tradeoff")
@@ -72,8 +72,8 @@ def montecarlo(options: Options, quick: bool) -> None:
 
     Takes some ten minutes in full. Writes tables, figures and montecarlo.nc into the folder --out (default out/montecarlo).
     """
-    from experiments.cli.console import plain_table
     from experiments.reporting.files import write_text
+    from experiments.reporting.terminal import plain_table
     from experiments.thesis.montecarlo import report, study
     from experiments.thesis.montecarlo.figures import summary_rows
 
@@ -106,7 +106,7 @@ def virtual(
     Takes some fifteen minutes in full. Writes report.html, virtual.md, virtual.nc, data and figures into the folder --out
     (default out/virtual).
     """
-    from experiments.cli.console import plain_table
+    from experiments.reporting.terminal import plain_table
     from experiments.thesis.virtual import page as virtual_page
     from experiments.thesis.virtual import summary, targets
 

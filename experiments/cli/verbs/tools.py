@@ -54,7 +54,7 @@ def presets(options: Options, section: str | None) -> None:
     """List the sensors, lenses, LEDs, filters, markers and tapes that a scenario can name; of one section with sources."""
     from rich.text import Text
 
-    from experiments.cli.console import plain_table
+    from experiments.reporting.terminal import plain_table
     from experiments.scenario.catalogue import SHOWN, catalogue, row, section_of
 
     entries = {name: catalogue(name) for name in ((section_of(section),) if section else SHOWN)}
@@ -110,7 +110,7 @@ def emva1288(options: Options, scenario: str | None, preset: str | None) -> None
     """Write an EMVA 1288 photon-transfer data set (--out FOLDER) and print the datasheet that its analysis gives."""
     from detector.sensor import emva1288 as emva
     from detector.sensor.sensor import presets
-    from experiments.cli.console import plain_table
+    from experiments.reporting.terminal import plain_table
 
     chosen = options.scenario(scenario)
     device, camera = chosen.sensor, chosen.camera

@@ -10,15 +10,14 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
-from scipy import stats
 
 from experiments import chain
+from experiments.chain.statistics import binomial_interval
 from experiments.reporting.figures import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION, new_figure
 from experiments.reporting.formatting import ILLUMINATION_NAMES, number
 from experiments.studies.budget.advice import exposure_windows
 from experiments.studies.budget.study import BudgetResult, exposure_label, shown_exposure
 from radiometry import link
-from radiometry.geometry import FloatArray
 from radiometry.thesis import PrintedModel
 
 #: Exposures at which the thesis plots its figure 6.3 (section 6.2) [s].
@@ -152,7 +151,7 @@ def detection_panel(result: BudgetResult) -> Figure:
     trials = result.scenario.budget.trials
     for case, colour, marker, shift in _lights(result):
         share = case.detected_fraction.values
-        low, high = detection_interval(share, trials)
+        low, high = binomial_interval(np.rint(np.nan_to_num(share) * trials), trials)
         axes.errorbar(
             case.range_m + shift, 100 * share, 100 * np.array([share - low, high - share]), fmt=marker, color=colour,
             elinewidth=0.8, label=f"{ILLUMINATION_NAMES[str(case.illumination.values)]}, {trials} frames a point",
@@ -175,15 +174,6 @@ def attitude_panel(result: BudgetResult) -> Figure:
         )
     _limit(axes, result.scenario.requirement.attitude_error_max_deg, "allowed", "°")
     return _finish(figure)
-
-
-def detection_interval(share: FloatArray, trials: int) -> tuple[FloatArray, FloatArray]:
-    """Ends of the two-sided 95 % Clopper–Pearson interval of a share of `trials` frames."""
-    found = np.rint(share * trials)
-    with np.errstate(invalid="ignore"):
-        low = np.where(found > 0, stats.beta.ppf(0.025, found, trials - found + 1), 0.0)
-        high = np.where(found < trials, stats.beta.ppf(0.975, found + 1, trials - found), 1.0)
-    return np.nan_to_num(low), np.nan_to_num(high, nan=1.0)
 
 
 def _panel(

@@ -10,8 +10,7 @@ from markupsafe import Markup
 
 from experiments import chain
 from experiments.reporting import pictures
-from experiments.reporting.formatting import ILLUMINATION_NAMES, number, percent, ranges_text, seconds_text
-from experiments.reporting.html import (
+from experiments.reporting.blocks import (
     Block,
     Card,
     Cell,
@@ -19,15 +18,14 @@ from experiments.reporting.html import (
     Download,
     Figures,
     Picture,
-    Report,
     Section,
     Strip,
     Table,
     Text,
     csv_text,
-    figure,
-    render,
 )
+from experiments.reporting.formatting import ILLUMINATION_NAMES, number, percent, ranges_text, seconds_text
+from experiments.reporting.html import Report, figure, render
 from experiments.reporting.sections import assumptions, footer, reproduction
 from experiments.scenario import Scenario
 from experiments.studies.budget import figures as budget_figures

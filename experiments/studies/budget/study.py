@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from detector.features import Features
 from experiments import chain
 from experiments.chain.executor import pool
-from experiments.chain.trials import VARIABLES, Progress, Trials, draw, known_values
+from experiments.chain.progress import Progress
+from experiments.chain.trials import VARIABLES, Trials, draw, known_values
 from experiments.scenario import Scenario
 from radiometry import closure
 from scenes.files import exr
@@ -84,10 +85,11 @@ def run_budget(
                 exr.write_basis(basis, out_dir / "transport" / f"range_{range_m:06.2f}m.exr")
             for illumination in plan.illuminations:
                 rate = chain.electron_rate(here, basis, illumination)
-                budget = chain.link_budget_beside(here, illumination, rate)
+                case = chain.Case(here, illumination)
+                budget = case.link_budget_beside(rate)
                 seconds = [chain.solve_exposure(here, budget, e) for e in plan.exposures_s]
-                known = known_values(here, illumination, budget, rate, seconds)
-                pending.append((submit(here, rate, illumination, seconds), known))
+                known = known_values(case, budget, rate, seconds)
+                pending.append((submit(case, rate, seconds), known))
                 if progress:
                     progress(sum(f.done() for f, _ in pending), len(steps), f"rendered {range_m:g} m")
         cases = []

@@ -11,7 +11,8 @@ import numpy as np
 from experiments import chain
 from experiments.chain import trials
 from experiments.chain.executor import pool
-from experiments.chain.trials import Progress, Trials
+from experiments.chain.progress import Progress
+from experiments.chain.trials import Trials
 from experiments.reporting.formatting import ILLUMINATION_NAMES, listed
 from experiments.scenario import Scenario
 from experiments.studies.close.constraints import ConfirmView, Constraints
@@ -54,12 +55,13 @@ def confirm(
                 quality = chain.quality(lit)
                 basis = store.basis(chain.view(lit), quality)
                 rate = chain.electron_rate(lit, basis, illumination)
-                known = trials.known_values(lit, illumination, budget, rate, [seconds])
+                case = chain.Case(lit, illumination)
+                known = trials.known_values(case, budget, rate, [seconds])
                 record = {
                     "set": point.label, "pitch_deg": view.pitch_deg, "yaw_deg": view.yaw_deg, "phase_deg": view.phase_deg,
                     "range_m": range_m, "illumination": illumination, "leds": lit.leds.count, "px_per_bit": budget.px_per_bit,
                 }  # fmt: skip
-                cases.append((record, submit(lit, rate, illumination, [seconds]), known))
+                cases.append((record, submit(case, rate, [seconds]), known))
             if progress:
                 progress(done, len(steps), f"rendered {range_m:g} m")
         return [

@@ -9,22 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from experiments import chain
+from experiments.reporting.blocks import Block, Card, Cell, Figures, Section, Table, Text, csv_text
 from experiments.reporting.figures import save_svg
 from experiments.reporting.files import write_text
 from experiments.reporting.formatting import number, percent
-from experiments.reporting.html import (
-    Block,
-    Card,
-    Cell,
-    Figures,
-    Report,
-    Section,
-    Table,
-    Text,
-    csv_text,
-    figure,
-    render,
-)
+from experiments.reporting.html import Report, figure, render
 from experiments.reporting.sections import assumptions, footer, reproduction
 from experiments.studies.close import page as close_page
 from experiments.studies.close.confirm import Confirmed, summarise

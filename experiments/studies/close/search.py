@@ -88,7 +88,7 @@ def fly(form: ClosedForm, sets: Sets, constraints: Constraints, ladder: Ladder |
     led = leds * rates.led_signal
     signal, background = (led + rates.sun_signal) * pulse, (leds * rates.led_background + rates.sun_background) * pulse
     dark_e, noise = sensor.dark_rate_electrons_per_s * pulse, sensor.total_noise_electrons
-    speed = np.radians(scenario.target.tumble_deg_s) * scenario.target.tumble_lever_m
+    speed = scenario.target.tumble_speed_m_s
     scale = np.atleast_1d(sets.focal_length_m * sets.factor("focal_length")) / scenario.camera.focal_length_m
     smear = link.smear_px(scenario.camera, form.ranges_m, speed, pulse) * scale[:, None, None]
     with np.errstate(divide="ignore"):

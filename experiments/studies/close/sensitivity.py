@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
+from experiments.chain.statistics import binomial_interval
 from experiments.studies.close.constraints import Constraints
 from experiments.studies.close.form import ClosedForm
 from experiments.studies.close.search import Ladder, Point, fly, margins, sets_of
@@ -120,8 +120,6 @@ def probability(
 
 
 def interval(share: float, draws: int) -> tuple[float, float]:
-    """Two-sided 95 % Clopper–Pearson interval of a share of draws."""
-    found = round(share * draws)
-    low = float(stats.beta.ppf(0.025, found, draws - found + 1)) if found else 0.0
-    high = float(stats.beta.ppf(0.975, found + 1, draws - found)) if found < draws else 1.0
-    return low, high
+    """Exact 95 % interval of a share of draws."""
+    low, high = binomial_interval(round(share * draws), draws)
+    return float(low), float(high)

@@ -16,7 +16,7 @@ from detector.sensor.noise import noise_of
 from detector.sensor.sensor import expose
 from experiments import chain
 from experiments.chain.executor import pool
-from experiments.chain.trials import Progress
+from experiments.chain.progress import Progress
 from experiments.scenario import Scenario
 from experiments.studies.shared.frames import Case, Truth
 from radiometry.geometry import FloatArray

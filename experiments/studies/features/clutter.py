@@ -10,12 +10,13 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from detector.features import find_features
+from detector.sensor.noise import noise_of
 from detector.sensor.sensor import expose
 from experiments import chain
 from experiments.chain.executor import pool
-from experiments.chain.trials import Progress
+from experiments.chain.progress import Progress
+from experiments.chain.statistics import binomial_interval
 from experiments.scenario import Scenario
-from experiments.studies.features.detection import clopper_pearson
 from radiometry.geometry import FloatArray
 from scenes.marker import MarkerDesign
 
@@ -51,7 +52,7 @@ def false_markers(batch: Batch) -> tuple[int, int]:
         rate = _turned(batch.rates, rng) if batch.rates is not None else _drawn(batch.kind, batch.scenario, rng)
         level = np.exp(rng.uniform(*np.log(LEVELS))) * sensor.full_well_electrons
         frame = expose(sensor, rate * (level / max(float(np.median(rate)), 1e-3 * float(rate.max()))), 1.0, rng).dn
-        noise, ring_m = chain.noise_model(batch.scenario, frame), batch.scenario.leds.ring_radius_m
+        noise, ring_m = noise_of(batch.scenario.sensor, frame), batch.scenario.leds.ring_radius_m
         found = find_features(frame, marker, camera, noise, ring_m)
         own += found.detected
         other += not found.detected and found.identity is not None
@@ -116,7 +117,7 @@ def middle_of(scenario: Scenario, cut: int = QUARTER) -> Scenario:
 
 def upper_limit(false: int, frames: int) -> float:
     """95 % upper limit of the rate of false markers, one-sided and exact: 3/n where there is none."""
-    return float(clopper_pearson(np.array(float(false)), frames, 0.90)[1])
+    return float(binomial_interval(np.array(float(false)), frames, 0.90)[1])
 
 
 def _seed(scenario: Scenario, *part: int) -> int:

@@ -12,14 +12,13 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 from scipy.optimize import brentq
-from scipy.special import betaincinv
 
 from detector.features import find_features
 from detector.sensor.noise import noise_of
 from detector.sensor.sensor import expose
 from experiments import chain
 from experiments.chain.executor import pool
-from experiments.chain.trials import Progress
+from experiments.chain.progress import Progress
 from experiments.scenario import Scenario
 from experiments.studies.shared.frames import Truth, around_marker, fine_frames
 from experiments.thesis.baseline import to_eight_bits
@@ -240,14 +239,3 @@ def study(
         },
         {"px_per_bit_of_cnr": PX_PER_BIT_OF_CNR},
     )  # fmt: skip
-
-
-def clopper_pearson(
-    successes: FloatArray, trials: FloatArray | int, confidence: float = 0.95
-) -> tuple[FloatArray, FloatArray]:
-    """Exact binomial interval of a probability (Clopper and Pearson, Biometrika 26, 1934), both ends of the shape given."""
-    k, trials = np.asarray(successes, float), np.asarray(trials)
-    tail = (1 - confidence) / 2
-    low = np.where(k > 0, betaincinv(np.maximum(k, 1), trials - k + 1, tail), 0.0)
-    high = np.where(k < trials, betaincinv(k + 1, np.maximum(trials - k, 1), 1 - tail), 1.0)
-    return np.where(np.isnan(k), np.nan, low), np.where(np.isnan(k), np.nan, high)

@@ -7,8 +7,9 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from experiments.chain.statistics import binomial_interval
 from experiments.reporting.figures import BLACK, COLOURS, MARKERS, new_figure
-from experiments.studies.features.detection import AT_PX_PER_BIT, clopper_pearson
+from experiments.studies.features.detection import AT_PX_PER_BIT
 from experiments.studies.features.tables import BIAS_PX, RATIO, ratios, rms_over_blobs
 
 CAPTIONS = {
@@ -109,7 +110,7 @@ def detection_figure(found: xr.Dataset) -> Figure:
                 continue
             for axis, name, along in zip(axes[0], ("size", "cnr"), ("px_per_bit", "cnr"), strict=True):
                 values, frames = counts[f"found_by_{name}"].values, found[f"frames_by_{name}"].values
-                low, high = clopper_pearson(values, frames)
+                low, high = binomial_interval(values, frames)
                 rate = values / frames
                 axis.errorbar(
                     found[along], 100 * rate, 100 * np.maximum([rate - low, high - rate], 0.0), color=COLOURS[k % 8],

@@ -12,10 +12,11 @@ import xarray as xr
 
 from detector.version import code_version
 from experiments import chain
-from experiments.chain.trials import Progress
+from experiments.chain.progress import Progress
+from experiments.chain.statistics import binomial_interval
+from experiments.reporting.blocks import csv_text
 from experiments.reporting.figures import save_svg
 from experiments.reporting.files import write_netcdf, write_text
-from experiments.reporting.html import csv_text
 from experiments.scenario import Scenario
 from experiments.studies.features import accuracy, clutter, detection
 from experiments.studies.features.figures import figures
@@ -148,7 +149,7 @@ def _detection_columns(found: xr.Dataset) -> dict[str, Iterable[Any]]:
         for family in found.family.values:
             for detector in found.detector.values:
                 counts = found[f"found_by_{name}"].sel(family=family, detector=detector)
-                low, high = detection.clopper_pearson(counts.values, frames)
+                low, high = binomial_interval(counts.values, frames)
                 for at, n, count, a, b in zip(counts[axis].values, frames, counts.values, low, high, strict=True):
                     if np.isfinite(count):
                         rows.append((axis, float(at), str(family), str(detector), int(n), int(count), a, b))

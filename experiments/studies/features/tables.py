@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
+from experiments.chain.statistics import binomial_interval
 from experiments.reporting.formatting import number, ranges_text
 from experiments.studies.features.accuracy import WIDE_ENOUGH_PX
 from experiments.studies.features.clutter import upper_limit
-from experiments.studies.features.detection import AT_PX_PER_BIT, clopper_pearson
+from experiments.studies.features.detection import AT_PX_PER_BIT
 from experiments.studies.shared.calibrations import Trial
 
 #: Targets: scatter over bound, bias, detection at `AT_PX_PER_BIT`, misplacement, focal length.
@@ -94,9 +95,9 @@ def _detection_targets(found: xr.Dataset) -> list[Target]:
         row = at.sel(family=family).dropna("detector")
         texts = [f"{name} {_rate(float(row.sel(detector=name)), frames)}" for name in row.detector.values]
         own = float(row.sel(detector="Mantis"))
-        low = float(clopper_pearson(np.array(own), frames)[0])
+        low = float(binomial_interval(np.array(own), frames)[0])
         # Few frames cannot tell: where all are found, it takes 368.
-        telling = own / frames < FOUND or float(clopper_pearson(np.array(frames), frames)[0]) >= FOUND
+        telling = own / frames < FOUND or float(binomial_interval(np.array(frames), frames)[0]) >= FOUND
         judged = low >= FOUND if telling else None
         name = f"found at {AT_PX_PER_BIT:g} px/bit, {family}"
         result.append(Target(name, f"≥ {100 * FOUND:g} %", f"of {frames} frames " + "; ".join(texts), judged))
@@ -104,7 +105,7 @@ def _detection_targets(found: xr.Dataset) -> list[Target]:
 
 
 def _rate(count: float, frames: int) -> str:
-    low, high = clopper_pearson(np.array(count), frames)
+    low, high = binomial_interval(np.array(count), frames)
     return f"{100 * count / frames:.1f} % [{100 * float(low):.1f}, {100 * float(high):.1f}]"
 
 

@@ -142,7 +142,7 @@ def render(scenario: Scenario, names: tuple[str, ...], pair_interval_s: float, r
     rates, grey_sun = {}, {}
     for name in {m.filter for m in modes} | {m.off_filter for m in modes if m.off_filter}:
         here = through(scenario, name)
-        grey_sun[name] = (chain.source_spectra(here)["sunlit"] * chain.responsivity(here)).integral()
+        grey_sun[name] = (chain.source_spectra(here)["sun"] * chain.responsivity(here)).integral()
         led, both = (chain.electron_rate(here, now, illumination) for illumination in ("eclipse", "sunlit"))
         moved = (
             chain.electron_rate(here, then, "sunlit") - chain.electron_rate(here, then, "eclipse")

@@ -11,25 +11,24 @@ import xarray as xr
 from markupsafe import Markup
 from matplotlib.figure import Figure as Plot
 
+from experiments.chain.statistics import wilson_interval
 from experiments.reporting import pictures
-from experiments.reporting.figures import save_svg
-from experiments.reporting.files import write_netcdf, write_text
-from experiments.reporting.html import (
+from experiments.reporting.blocks import (
     Block,
     Bullets,
     Card,
     Cell,
     Figures,
     Picture,
-    Report,
     Section,
     Strip,
     Table,
     Text,
     csv_text,
-    figure,
-    render,
 )
+from experiments.reporting.figures import save_svg
+from experiments.reporting.files import write_netcdf, write_text
+from experiments.reporting.html import Report, figure, render
 from experiments.reporting.sections import assumptions, footer, reproduction
 from experiments.scenario import Scenario
 from experiments.studies.glare import case as glare_case
@@ -52,7 +51,6 @@ from experiments.studies.glare.tables import (
     verdicts,
     whole_rows,
     widest_interval,
-    wilson,
 )
 
 #: The mode for which the target is stated.
@@ -164,7 +162,7 @@ def findings(result: GlareResult) -> list[str]:
     found, usable = (float(cells[name].mean()) * frames for name in ("detection", "usable"))
     lines = [
         headline(result),
-        f"All of these together: found in {found:.0f} of {frames} frames, at least {100 * wilson(found, frames)[0]:.2f} % "
+        f"All of these together: found in {found:.0f} of {frames} frames, at least {100 * wilson_interval(found, frames)[0]:.2f} % "
         f"with 95 % confidence; pose within the requirement in {usable:.0f}.",
     ]
     passing = [str(m) for m in summary.mode.values if verdicts(summary, str(m))[0]]

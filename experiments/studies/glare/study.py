@@ -7,7 +7,7 @@ for on whole frames, by asking for identities that are not there.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import Future
 from dataclasses import dataclass
 from itertools import product
@@ -19,14 +19,12 @@ from detector.features import Features
 from detector.pose.pose import solve_pose
 from experiments import chain
 from experiments.chain.executor import pool
+from experiments.chain.progress import Progress
 from experiments.scenario import Scenario
 from experiments.studies.glare.geometry import Geometry, Stand, at_sun, cropped, render
 from experiments.studies.glare.modes import MODES, Exposed, Mode, features_of, pulse_s, rung_exposures_s, take
 from radiometry.geometry import FloatArray
 from scenes.marker import ELEMENT_NAMES
-
-#: Reports progress: geometries done, geometries in all, what is being worked on.
-Progress = Callable[[int, int, str], None]
 
 #: A quadrilateral further than this from the marker's, rms over corners and in bits, is another thing.
 MISPLACED_BITS = 1.0

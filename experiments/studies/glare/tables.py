@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import xarray as xr
 
+from experiments.chain.statistics import wilson_interval
 from experiments.scenario import Scenario
 from experiments.studies.glare.modes import MODES
 from radiometry.closure import Requirement
@@ -18,17 +18,6 @@ TARGET_PHASES_DEG = (5.0, 150.0)
 RETRO_DEG = 5.0
 #: Pixels per bit below which OpenCV's ArUco finds few markers (`Requirement.px_per_bit_min`).
 OPENCV_PX_PER_BIT = 3.0
-#: Normal quantile of a two-sided 95 % interval.
-_Z = 1.959964
-
-
-def wilson(successes: Any, trials: int) -> tuple[Any, Any]:
-    """Bounds of the 95 % interval of a proportion (E. B. Wilson, J. Am. Stat. Assoc. 22, 1927)."""
-    p = successes / trials
-    middle = (p + _Z**2 / (2 * trials)) / (1 + _Z**2 / trials)
-    half = _Z / (1 + _Z**2 / trials) * np.sqrt(p * (1 - p) / trials + _Z**2 / (4 * trials**2))
-    # At 0 and 1 rounding would put the bounds beyond the proportion itself.
-    return np.minimum(middle - half, p), np.maximum(middle + half, p)
 
 
 def summarise(dataset: xr.Dataset, scenario: Scenario) -> xr.Dataset:
@@ -38,7 +27,7 @@ def summarise(dataset: xr.Dataset, scenario: Scenario) -> xr.Dataset:
     need = scenario.requirement
     found = dataset.detected.sum(pooled)
     good = (dataset.attitude_error_deg <= need.attitude_error_max_deg) & (dataset.range_error <= need.range_error_max)
-    low, high = wilson(found, trials)
+    low, high = wilson_interval(found, trials)
     x, y = (_mean(dataset[f"corner_error_{axis}_px"], pooled) for axis in "xy")
     by_sun = _mean(dataset.blob_error_px, ("frame",))
     result = xr.Dataset(
@@ -194,7 +183,13 @@ def whole_rows(whole: xr.Dataset) -> list[tuple[str, ...]]:
         found, searches = int(here.found.sum()), int(here.searches.sum())
         remarked = str(int(here.remarked.sum()))
         rows.append(
-            (str(mode), str(found), remarked, str(searches), f"{100 * float(wilson(found, searches)[1]):.1f} %")
+            (
+                str(mode),
+                str(found),
+                remarked,
+                str(searches),
+                f"{100 * float(wilson_interval(found, searches)[1]):.1f} %",
+            )
         )
     return rows
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from experiments.reporting.blocks import Card, Cell, Figures, Section, Table, Text
 from experiments.reporting.formatting import number
-from experiments.reporting.html import Card, Cell, Figures, Report, Section, Table, Text, figure, render
+from experiments.reporting.html import Report, figure, render
 from experiments.reporting.sections import digest, made_by, versions_text
 from experiments.studies.materials import page as materials_page
 from experiments.studies.materials.page import MaterialRow

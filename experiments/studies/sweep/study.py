@@ -15,7 +15,7 @@ from pathlib import Path
 import xarray as xr
 
 from experiments.chain.executor import Crew
-from experiments.chain.trials import Progress
+from experiments.chain.progress import Progress
 from experiments.studies.sweep.dataset import make_dataset, write_dataset
 from experiments.studies.sweep.dispatch import dispatch
 from experiments.studies.sweep.journal import Journal

@@ -17,6 +17,7 @@ from detector.sensor.sensor import Sensor, moments, presets
 from experiments import chain
 from experiments.scenario import Scenario
 from radiometry.geometry import FloatArray
+from radiometry.optics import node_weights
 from radiometry.sources import am0_spectrum
 from scenes.llvm import activate_variant
 from scenes.render import stock
@@ -127,7 +128,7 @@ def stock_transport(scenario: Scenario, samples: int = 64, repeats: int = 4) -> 
             * response.values.max()
             for k in range(repeats)
         ]
-        weights = chain.node_weights(strength * response, basis.nodes_nm)
+        weights = node_weights(strength * response, basis.nodes_nm)
         ours = np.tensordot(weights, basis.layers[light], axes=1)
         for name, pixels in parts.items():
             values = [np.mean([image[p].mean() for p in pixels]) for image in (ours, *theirs)]

@@ -8,21 +8,9 @@ from collections.abc import Iterator
 import numpy as np
 import xarray as xr
 
+from experiments.reporting.blocks import Block, Bullets, Card, Cell, Download, Figures, Section, Table, Text
 from experiments.reporting.formatting import number, percent
-from experiments.reporting.html import (
-    Block,
-    Bullets,
-    Card,
-    Cell,
-    Download,
-    Figures,
-    Report,
-    Section,
-    Table,
-    Text,
-    figure,
-    render,
-)
+from experiments.reporting.html import Report, figure, render
 from experiments.reporting.sections import assumptions, footer, reproduction
 from experiments.scenario import Scenario
 from experiments.studies.validate import figures as validate_figures

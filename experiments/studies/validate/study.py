@@ -6,7 +6,6 @@ every sensor come from the same basis images. Only the detector's pixels about t
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -18,14 +17,13 @@ from scipy import stats
 
 from detector.sensor.sensor import Sensor, expose, moments, presets
 from experiments import chain
+from experiments.chain.progress import Progress
 from experiments.scenario import Scenario, load_scenario
 from materials import library
 from radiometry import link
 from radiometry.geometry import FloatArray
 from scenes.render.transport import TransportBasis
 
-#: Reports progress: geometries done, geometries in all, what is being worked on.
-Progress = Callable[[int, int, str], None]
 #: Pixels (rows, columns) of each bit.
 _Pixels = list[tuple[NDArray[np.intp], NDArray[np.intp]]]
 

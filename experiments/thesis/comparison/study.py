@@ -7,7 +7,6 @@ tilt is repeated, each time with its own noise and its own sampling.
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -16,6 +15,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from experiments.chain.progress import Progress
 from experiments.reporting.claims import StudyPage
 from experiments.reporting.figures import COLOURS, MARKERS, new_figure
 from experiments.scenario import Scenario
@@ -24,8 +24,6 @@ from experiments.thesis.virtual import study as virtual
 from experiments.thesis.virtual.targets import Run, load
 from radiometry.encoding import RAYLEIGH_MEDIAN, lens_deviation, slit_deviation
 from radiometry.geometry import FloatArray
-
-Progress = Callable[[int, int, str], None]
 
 #: What is rendered, and the methods that are shown of each.
 TARGETS = ("improved", "aruco", "apriltag", "svms")

@@ -8,20 +8,9 @@ from typing import Any
 
 import xarray as xr
 
+from experiments.reporting.blocks import Block, Bullets, Card, Download, Figures, Section, Text, text_table
 from experiments.reporting.formatting import number, seconds_text
-from experiments.reporting.html import (
-    Block,
-    Bullets,
-    Card,
-    Download,
-    Figures,
-    Report,
-    Section,
-    Text,
-    figure,
-    render,
-    text_table,
-)
+from experiments.reporting.html import Report, figure, render
 from experiments.reporting.sections import assumptions, footer, reproduction
 from experiments.thesis.errata import figures as errata_figures
 from experiments.thesis.errata import page

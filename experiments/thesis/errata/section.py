@@ -7,7 +7,8 @@ from functools import cache
 
 import xarray as xr
 
-from experiments.reporting.html import Block, Figures, Text, figure
+from experiments.reporting.blocks import Block, Figures, Text
+from experiments.reporting.html import figure
 from experiments.thesis.errata import figures as errata_figures
 from experiments.thesis.errata import study as errata
 

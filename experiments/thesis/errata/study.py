@@ -26,7 +26,7 @@ from scenes.projection.visible import visible_tape
 
 MODELS = ("printed", "repaired", "full")
 #: Sources by illumination. The thesis's sunlit case has its LEDs on; "sun alone" is the frame without them.
-LIGHTS: dict[str, tuple[str, ...]] = {"eclipse": (LED,), "sun": (LED, SUN), "sun alone": (SUN,)}
+LIGHTS: dict[str, tuple[str, ...]] = {"eclipse": (LED,), "sunlit": (LED, SUN), "sun alone": (SUN,)}
 #: Label -> full beam angle [deg] and exposure [s] of the thesis's figures 6.3 and 6.4; 'auto' is each model's own.
 EXPOSURES: dict[str, tuple[float, float | str]] = {
     "1/30 s": (16.0, 1 / 30),
@@ -130,7 +130,7 @@ def models_dataset() -> xr.Dataset:
             signal[m, :, e], background[m, :, e], seconds[m, :, e] = rates[0] * time, rates[1] * time, time
     snr, cnr = link.snr(signal, 0.0, noise), link.cnr(signal, background, 0.0, noise)
     snr[0], cnr[:2] = signal[0] / PrintedModel().noise_e(signal[0]), np.nan
-    speed = np.radians(scenario.target.tumble_deg_s) * scenario.target.tumble_lever_m
+    speed = scenario.target.tumble_speed_m_s
     variables = {
         "exposure_s": (seconds, "s", "exposure"),
         "signal": (signal, "electron", "mean charge of a bright bit's pixels, were there no full well"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,12 +10,11 @@ import numpy as np
 import xarray as xr
 
 from experiments import chain
+from experiments.chain.progress import Progress
 from experiments.scenario import Scenario
 from radiometry.geometry import FloatArray
 from scenes.marker import ELEMENT_NAMES, Element
 from scenes.render.transport import View
-
-Progress = Callable[[int, int, str], None]
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,13 +14,12 @@ from detector.pose.joint import FoundMarker, moved_to_face, solve_face_pose
 from detector.pose.pose import Pose, solve_pose
 from detector.sensor.noise import noise_of
 from experiments import chain
+from experiments.chain.progress import Progress
 from experiments.scenario import Scenario
 from experiments.thesis.layout.placement import LAYOUTS, Kind, Layout, in_view, layout, random_attitudes
 from radiometry.geometry import FloatArray, rotation_angle
 from scenes.face import render_face
 from scenes.render.transport import Quality
-
-Progress = Callable[[int, int, str], None]
 
 #: A pose from one marker or from all.
 SOLVERS = ("one marker", "all markers")

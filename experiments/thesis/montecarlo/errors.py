@@ -6,8 +6,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
-from scipy.stats import norm
 
 from detector.pnp.epnp import BoolArray, Poses
 from detector.pnp.pnp import geodesic_angles
@@ -57,15 +55,6 @@ class Errors:
         """As the listing counts them: pitch and yaw errors beyond 170° become their distance from 180°."""
         fold = {k: np.where(self.absolute[k] > 170, 180 - self.absolute[k], self.absolute[k]) for k in ("pitch", "yaw")}
         return Errors(self.attitude_rad, self.absolute | fold, self.range_m)
-
-
-def wilson_interval(count: ArrayLike, total: ArrayLike, confidence: float = 0.95) -> tuple[FloatArray, FloatArray]:
-    """Wilson's score interval of a proportion: lower and upper bound."""
-    count, total = np.asarray(count, float), np.asarray(total, float)
-    z = norm.ppf(0.5 + confidence / 2)
-    centre = (count + z**2 / 2) / (total + z**2)
-    half = z / (total + z**2) * np.sqrt(count * (total - count) / total + z**2 / 4)
-    return np.maximum(centre - half, 0.0), np.minimum(centre + half, 1.0)
 
 
 def summary(errors: Errors, back: BoolArray, criterion: Criterion) -> dict[str, float]:

@@ -13,9 +13,10 @@ import xarray as xr
 from matplotlib.ticker import FixedLocator, NullLocator, ScalarFormatter
 from scipy.stats import expon, halfnorm
 
+from experiments.chain.statistics import wilson_interval
 from experiments.reporting.figures import BLACK, BLUE, GREEN, ORANGE, PURPLE, VERMILION, new_figure, save_svg
 from experiments.reporting.files import write_text
-from experiments.thesis.montecarlo.errors import QUANTITIES, wilson_interval
+from experiments.thesis.montecarlo.errors import QUANTITIES
 
 Rows = list[tuple[str, ...]]
 _LISTING = {"recipe": "listing", "solver": "thesis EPnP"}

@@ -6,10 +6,11 @@ from collections.abc import Iterator, Mapping
 
 import xarray as xr
 
-from experiments.reporting.html import Block, Bullets, Card, Figures, Report, Section, figure, render, text_table
+from experiments.chain.statistics import wilson_interval
+from experiments.reporting.blocks import Block, Bullets, Card, Figures, Section, text_table
+from experiments.reporting.html import Report, figure, render
 from experiments.reporting.sections import made_by, versions_text
 from experiments.thesis.montecarlo import figures as drawn
-from experiments.thesis.montecarlo.errors import wilson_interval
 
 #: What is simulated and counted, and where the thesis says so.
 ASSUMPTIONS = (

@@ -6,7 +6,7 @@ Transport is linear, so one rendering of a station serves both runs, both ways a
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -16,10 +16,11 @@ import xarray as xr
 from scipy.ndimage import gaussian_filter
 
 from detector.rectify import ideal_camera, rectified
-from detector.sensor.noise import NoiseModel
+from detector.sensor.noise import NoiseModel, noise_of
 from detector.sensor.sensor import expose
 from experiments import chain
 from experiments.chain.executor import pool
+from experiments.chain.progress import Progress
 from experiments.scenario import Scenario
 from experiments.studies.shared.judge import VARIABLES, Truth, tilt_deg
 from experiments.studies.shared.trackers import Sight
@@ -38,9 +39,6 @@ from experiments.thesis.physical.methods import METHODS, PAIR, LabShot, of_pair,
 from radiometry.geometry import FloatArray
 from scenes.render.transport import Quality, render_cases
 from scenes.view import View
-
-#: Reports progress: stations done, stations in all, what is being worked on.
-Progress = Callable[[int, int, str], None]
 
 LIGHTS = ("eclipse", "sunlit")
 SCALES = ("full", "scaled")
@@ -82,7 +80,7 @@ class Eye:
     def shots(self, dn: np.ndarray, view: View, off_dn: np.ndarray | None = None) -> Iterator[tuple[LabShot, Truth]]:
         """The frame, less one without LEDs if given, rectified by the calibration, full and scaled; truth in its pixels."""
         marker, ring = self.scenario.marker, view.leds.ring_radius_m
-        noise = chain.noise_model(self.scenario, dn)
+        noise = noise_of(self.scenario.sensor, dn)
         assert isinstance(noise, NoiseModel)
         if off_dn is not None:
             dn, noise = _difference(dn, off_dn, noise)

@@ -92,7 +92,7 @@ def thesis_rows(scenario: Scenario, plan: PowerPlan) -> list[tuple[str, ...]]:
     energy = scenario.leds.energy_per_frame_j(exposure)
     alone = link.frames_per_second(plan.limit_w, energy)
     whole = plan.frame_rate(scenario.leds, exposure)
-    speed = np.radians(scenario.target.tumble_deg_s) * scenario.target.tumble_lever_m
+    speed = scenario.target.tumble_speed_m_s
     smear = [link.smear_px(scenario.camera, r, speed, exposure) for r in (1.0, 20.0)]
     rows: list[tuple[str, ...]] = [
         ("exposure [s]", "energy [J]", "frames/s, LEDs alone", "frames/s, with driver and camera",

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from scipy import stats
 
+from experiments.chain.statistics import binomial_interval
 from experiments.studies.shared.failures import ATTITUDE, MODES, RANGE
 from radiometry.closure import Requirement
 
@@ -46,9 +46,8 @@ class Rate:
     @property
     def interval(self) -> tuple[float, float]:
         """Clopper and Pearson's exact 95 % interval (Biometrika 26, 1934)."""
-        tail, k, n = (1 - CONFIDENCE) / 2, self.failed, self.frames
-        low = float(stats.beta.ppf(tail, k, n - k + 1)) if k else 0.0
-        return low, float(stats.beta.ppf(1 - tail, k + 1, n - k)) if k < n else 1.0
+        low, high = binomial_interval(self.failed, self.frames, CONFIDENCE)
+        return float(low), float(high)
 
 
 def level(rate: float) -> int:

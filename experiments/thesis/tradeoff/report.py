@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import xarray as xr
 
-from experiments.reporting.html import (
+from experiments.reporting.blocks import (
     Block,
     Bullets,
     Card,
@@ -14,14 +14,12 @@ from experiments.reporting.html import (
     Code,
     Details,
     Figures,
-    Report,
     Section,
     Table,
     Text,
-    figure,
-    render,
     text_table,
 )
+from experiments.reporting.html import Report, figure, render
 from experiments.reporting.sections import digest, made_by, versions_text
 from experiments.thesis.tradeoff import study
 from experiments.thesis.tradeoff.ahp import MODES

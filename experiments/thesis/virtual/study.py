@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -17,11 +17,12 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from detector.sensor.noise import NoiseModel
+from detector.sensor.noise import NoiseModel, noise_of
 from detector.sensor.sensor import expose
 from detector.version import code_version as detector_version
 from experiments import chain
 from experiments.chain.executor import cores, pool
+from experiments.chain.progress import Progress
 from experiments.scenario import Scenario
 from experiments.studies.shared.judge import VARIABLES, Truth
 from experiments.studies.shared.trackers import METHODS, Shot, methods_of
@@ -33,9 +34,6 @@ from scenes.files.cache import code_version
 from scenes.marker import MarkerDesign
 from scenes.render.transport import Quality, render_cases
 from scenes.view import View
-
-#: Reports progress: frames done, frames in all, what is being worked on.
-Progress = Callable[[int, int, str], None]
 
 #: An outlier is off by more than this in attitude [deg] or, over range, in range.
 OUTLIER_DEG, OUTLIER_RANGE = 10.0, 0.05
@@ -76,7 +74,7 @@ def look(batch: Batch) -> FloatArray:
     for k, (view, rate) in enumerate(zip(batch.views, batch.rates, strict=True)):
         rng = np.random.default_rng((*batch.key, batch.first + k))
         image = expose(sensor, _whole(rate, camera), batch.seconds, rng).dn
-        noise = chain.noise_model(batch.scenario, image)
+        noise = noise_of(batch.scenario.sensor, image)
         assert isinstance(noise, NoiseModel)
         truth = Truth(batch.design, view)
         shot = Shot(image, batch.believed, view.camera, noise, view.leds.ring_radius_m, truth.points_px)

@@ -1,0 +1,150 @@
+"""The one factory of the verbs that run a study: plan, run, page, files, terminal, `--json`, `--require`.
+
+A study is a package with `plan.Plan` (and `plan.FULL`, `plan.QUICK`), `study.run(scenario, plan, progress)` and
+`page.page(result, command)`, which gives an `experiments.reporting.page.Page`. Nothing of it is imported before its verb runs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import click
+
+from experiments.cli.options import (
+    Options,
+    RequirementNotMet,
+    announce_variant,
+    ready_folder,
+    shared_options,
+    with_progress,
+)
+
+
+@dataclass(frozen=True)
+class PlanOption:
+    """A command-line option that replaces one field of the study's plan.
+
+    Attributes:
+        flag: as typed, say ``--draws``.
+        field: of the plan.
+        kind: click's type.
+        help: one line.
+        multiple: whether it may be given many times; the field is then a tuple.
+    """
+
+    flag: str
+    field: str
+    kind: Any
+    help: str
+    multiple: bool = False
+
+
+@dataclass(frozen=True)
+class StudyVerb:
+    """What the factory needs to know of a study.
+
+    Attributes:
+        name: of the verb.
+        package: of the study, say ``experiments.studies.glare``.
+        help: of the verb: what it does, how long it takes, what it writes.
+        source: the metavar of the argument that names the scenario; empty where the study has a scenario of its own.
+        load: dotted path of a function (overrides, seed) -> scenario for a study with a scenario of its own; empty for
+            `Options.scenario`.
+        fixed: why `--set` has nothing to change; empty where it has.
+        quick: what `--quick` does; empty where there is no such option.
+        renders: whether it needs the renderer.
+        workers: whether it can use several processes.
+        require: conditions of `--require`, each with what it asks.
+        plan: options that change the plan.
+    """
+
+    name: str
+    package: str
+    help: str
+    source: str = "SCENARIO"
+    load: str = ""
+    fixed: str = ""
+    quick: str = ""
+    renders: bool = True
+    workers: bool = False
+    require: Mapping[str, str] | None = None
+    plan: Sequence[PlanOption] = ()
+
+
+def study_verb(study: StudyVerb) -> click.Command:
+    """The click command of a study."""
+
+    @shared_options
+    def run(options: Options, source: str | None = None, **given: Any) -> None:
+        _run(study, options, source, given)
+
+    run.__doc__ = f"{study.help}\n\nWrites report.html, {study.name}.md, data and figures into the folder --out (default out/{study.name})."
+    command: Callable[..., Any] = run
+    for option in reversed(_options(study)):
+        command = option(command)
+    return click.command(study.name)(command)
+
+
+def _options(study: StudyVerb) -> list[Callable[..., Any]]:
+    found: list[Callable[..., Any]] = []
+    if study.source:
+        found.append(click.argument("source", metavar=f"[{study.source}]", required=False))
+    if study.quick:
+        found.append(click.option("--quick", is_flag=True, help=study.quick))
+    for o in study.plan:
+        found.append(click.option(o.flag, o.field, type=o.kind, multiple=o.multiple, help=o.help))
+    if study.workers:
+        found.append(
+            click.option("--workers", type=click.IntRange(0), help="Processes beside this one; default one a core.")
+        )
+    if study.require:
+        asks = "; ".join(f"{name}: {what}" for name, what in study.require.items())
+        found.append(
+            click.option("--require", type=click.Choice(list(study.require)), help=f"Exit status 4 unless met. {asks}.")
+        )
+    return found
+
+
+def _run(study: StudyVerb, options: Options, source: str | None, given: dict[str, Any]) -> None:
+    quick, workers, require = given.pop("quick", False), given.pop("workers", None), given.pop("require", None)
+    changes = {field: value for field, value in given.items() if value not in (None, ())}
+    if study.fixed and options.overrides:
+        raise click.UsageError(f"{study.name}: {study.fixed}, so --set has nothing to change")
+    plans, runs = import_module(f"{study.package}.plan"), import_module(f"{study.package}.study")
+    plan = replace(plans.QUICK if quick else plans.FULL, **changes)
+    scenario = _scenario(study, options, source)
+    out = options.out or Path("out") / study.name
+    ready_folder(out)
+    if study.renders:
+        announce_variant(options)
+    how = {"workers": workers} if study.workers else {}
+    result = with_progress(options, lambda tell: runs.run(scenario, plan, tell, **how))
+    page = import_module(f"{study.package}.page").page(result, _command(study, options, source, quick, changes))
+    page.write(out)
+    options.say(*page.terminal(), f"Report and data: {out / 'report.html'}")
+    options.emit({**page.record(), "out": out})
+    if require and require in page.unmet:
+        raise RequirementNotMet(page.unmet[require])
+
+
+def _scenario(study: StudyVerb, options: Options, source: str | None) -> Any:
+    if not study.load:
+        return options.scenario(source)
+    module, _, function = study.load.rpartition(".")
+    return getattr(import_module(module), function)(options.overrides, options.seed)
+
+
+def _command(study: StudyVerb, options: Options, source: str | None, quick: bool, changes: dict[str, Any]) -> str:
+    """The command line that makes the page again, without its folder."""
+    words = [f"mantis {study.name}", *([source] if source else []), *(["--quick"] if quick else [])]
+    for o in study.plan:
+        values = changes.get(o.field, ())
+        for value in values if o.multiple else [values] if o.field in changes else []:
+            words.append(f"{o.flag} {value:g}" if isinstance(value, float) else f"{o.flag} {value}")
+    words += [f"--set {override}" for override in options.overrides]
+    words += [f"--seed {options.seed}"] if options.seed is not None else []
+    return " ".join(words)
