@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from detector.sensor.sensor import usable_well_electrons
 from experiments.chain.case import Case, link_budget, link_budget_beside
-from experiments.chain.detection import Detection, detect, pose_errors
+from experiments.chain.detection import DetectedImage, Detection, detect, pose_errors
 from experiments.chain.exposure import expose, frame_generator
 from experiments.chain.illumination import SOURCES, active_sources, responsivity, source_spectra, sun_stray_rate
 from experiments.chain.link_budget import Bits, LinkBudget, solve_exposure
@@ -23,27 +23,28 @@ __all__ = [
     "SOURCES",
     "Bits",
     "Case",
-    "LinkBudget",
+    "DetectedImage",
     "Detection",
+    "LinkBudget",
+    "active_sources",
     "bit_pixels",
     "bit_scale_px",
     "check_geometry",
+    "detect",
     "electron_rate",
-    "solve_exposure",
+    "expose",
     "frame_generator",
     "geometry_digest",
-    "active_sources",
     "link_budget",
     "link_budget_beside",
-    "detect",
     "pose_errors",
     "provenance",
     "quality",
     "renderer_variance_fraction",
     "responsivity",
+    "solve_exposure",
     "source_spectra",
     "sun_stray_rate",
-    "expose",
     "transport",
     "transports",
     "usable_well_electrons",

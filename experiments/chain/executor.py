@@ -91,12 +91,15 @@ class Processes:
         self._count, self._executor = count, _executor(count, renders=True)
 
     def width(self) -> int:
+        """Tasks that run at a time, as `Crew.width`."""
         return self._count
 
     def submit(self, function: Callable[..., Result], *arguments: object) -> Future[Result]:
+        """Run a function, importable by name, in one of the workers."""
         return self._executor.submit(function, *arguments)
 
     def recover(self) -> None:
+        """Start a new set of processes."""
         self._executor.shutdown(wait=False)
         self._executor = _executor(self._count, renders=True)
 
@@ -134,12 +137,14 @@ class Cluster:
         self._executor: Executor = self._client.get_executor(pure=False)
 
     def width(self) -> int:
+        """Tasks that run at a time, as `Crew.width`."""
         try:
             return max(1, sum(self._client.nthreads().values()))
         except OSError as error:
             raise RuntimeError(GONE) from error
 
     def submit(self, function: Callable[..., Result], *arguments: object) -> Future[Result]:
+        """Run a function, importable by name, in one of the workers."""
         return self._executor.submit(function, *arguments)
 
     def recover(self) -> None:

@@ -57,8 +57,8 @@ class Trials:
     Attributes:
         values: statistics over the draws, by the names of `VARIABLES`.
         detected, attitude_error_deg, range_error: of each draw; errors are NaN without a pose.
-        pose_covariance: mean of what the solver states, (6, 6) of (ω, δt) as
-            `detector.pose.pose.Pose.covariance` [rad, m]; NaN where no draw gave a pose.
+        pose_covariance: mean of what the solver states, (6, 6) of (ω, δt) [rad, m], as `Pose.covariance` of
+            `detector.pose.pose`; NaN where no draw gave a pose.
         reason: what most draws miss and why, and in how many of them something is missing; empty where nothing is.
         frame, features: of the first draw.
     """

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from experiments.reporting.claims import Statement
 
 from detector.calibration.camera import CameraCalibration
 from detector.sensor.noise import NoiseModel
 from experiments import chain
-from experiments.reporting.claims import Statement
 from experiments.thesis.physical import arm, camera, page, study
 from experiments.thesis.physical.methods import METHODS
 from radiometry.geometry import FRONTAL

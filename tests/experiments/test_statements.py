@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
-
 from experiments.reporting.claims import HEADINGS, Statement, StudyPage, statement_rows
+
 from experiments.reporting.figures import new_figure
 
 

@@ -188,10 +188,10 @@ def explore(options: Options, scenario: str | None, host: str, port: int, no_bro
     announce_variant(options)
     from experiments.chain.executor import Processes
     from experiments.explore.explorer import Explorer
+    from experiments.explore.geometries import GeometryStore
     from experiments.explore.server import LOOPBACK, Server
-    from experiments.explore.stock import Stock
 
-    with Stock(Processes(1)) as stock, Server(Explorer(chosen, stock), host, port) as server:
+    with GeometryStore(Processes(1)) as store, Server(Explorer(chosen, store), host, port) as server:
         options.say(server.url, "Ctrl-C ends it.")
         if host not in LOOPBACK:
             options.say(f"Whoever reaches {host} can see the page and have it render.")

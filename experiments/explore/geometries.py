@@ -1,7 +1,7 @@
-"""Rendered geometries held ready: what a move needs is prepared in a process beside, what was prepared stays in memory.
+"""Rendered geometries kept ready for the page: another process prepares them, and memory keeps what was prepared.
 
-Preparing takes a second or two a geometry; the page asks for one at a time and gets either what is ready or the news that it is
-not. While nothing is asked for, the values around the present one on every control are prepared, nearest first.
+Preparing a geometry takes a second or two. The page asks for one geometry at a time and is told at once whether it is ready.
+While the page asks for nothing, the values next to the present one are prepared on every control, nearest first.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ def _aside(function: Callable[[Scenario], Any], scenario: Scenario) -> Any:
     return function(scenario)
 
 
-#: Names a geometry within one stock.
+#: Names a geometry within one store.
 Key = Hashable
 
 
@@ -111,11 +111,11 @@ class Task:
     make: Callable[[], Scenario]
 
 
-class Stock:
+class GeometryStore:
     """Prepared geometries, and a thread that has more prepared; a context manager that ends both.
 
     Args:
-        crew: where the work is done; it is ended with the stock.
+        crew: where the work is done; it is ended with the store.
         limit_bytes: of prepared frames in memory.
     """
 
@@ -131,7 +131,7 @@ class Stock:
         self._closed, self.doing = False, ""
         self._thread = threading.Thread(target=self._work, daemon=True)
 
-    def __enter__(self) -> Stock:
+    def __enter__(self) -> GeometryStore:
         self._thread.start()
         return self
 
@@ -194,7 +194,7 @@ class Stock:
                 self._note(task.key, found, "")
 
     def _next(self) -> Task | None:
-        """The plan's next task that is not done, as soon as there is one; None when the stock is closed."""
+        """The plan's next task that is not done, as soon as there is one; None when the store is closed."""
         with self._condition:
             while not self._closed:
                 task = next(self._plan, None)
