@@ -103,8 +103,6 @@ TOLERATED_IMPORTS = {
     ("experiments.studies.shared.trackers", "experiments.thesis.baseline"),
     ("experiments.studies.shared.trackers", "experiments.thesis.virtual.targets"),
     # `View` is of scenes.view.
-    ("scenes.projection.frame_light", "scenes.render.transport"),
-    ("scenes.projection.visible", "scenes.render.transport"),
 }
 #: Imports that close a circle and are being mended; the same holds for them.
 TOLERATED_CIRCLES = {
