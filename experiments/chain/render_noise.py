@@ -22,8 +22,8 @@ def renderer_variance_fraction(
     """Largest share of the renderer's variance in shot noise's, over the ArUco's and the elements' pixels, in an exposure.
 
     A pixel that would overflow counts in the exposure that just fills it. The renderer's variance is that of two independent
-    halves of the rays, averaged over 5 × 5 pixels (`scenes.render.density.variance_fractions`). It is NaN where the basis does not tell
-    it, or where no such pixel is in the frame.
+    halves of the rays, averaged over 5 × 5 pixels (`scenes.render.density.variance_fractions`). It is NaN where the basis
+    does not tell it, or where no such pixel is in the frame.
 
     Args:
         scenario: of which the basis is.

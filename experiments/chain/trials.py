@@ -77,6 +77,7 @@ def known_values(case: Case, budget: LinkBudget, rate: FloatArray, seconds: list
     """Per exposure, what needs no noise: closed form, and the rendered expectation.
 
     Args:
+        case: a scenario in an illumination.
         budget: of the case, with the veil of the frame where it has one (`Case.link_budget_beside`).
         rate: electron rate of every pixel (height, width) [e-/s].
         seconds: exposures.
