@@ -192,7 +192,8 @@ def expose(options: Options, basis: Path, scenario: str | None, trial: int) -> N
         )
     saturated = float((frame.electrons >= chain.usable_well_electrons(chosen.sensor)).mean())
     options.say(
-        f"{chosen.illumination}, {seconds:.4g} s, brightest {frame.electrons.max():.0f} e-, {saturated:.2%} saturated: {options.out}"
+        f"{chosen.illumination}, {seconds:.4g} s, brightest {frame.electrons.max():.0f} e-, {saturated:.2%} saturated: "
+        f"{options.out}"
     )
     options.emit(
         {
