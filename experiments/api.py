@@ -51,6 +51,6 @@ def budget(scenario: Scenario, quick: bool = True) -> Any:
         scenario: what to judge.
         quick: fewer ranges, noise draws and rays.
     """
-    from experiments.studies.budget import study
+    from experiments.studies.budget import plan, study
 
-    return study.run_budget(study.quick(scenario) if quick else scenario)
+    return study.run(scenario, plan.QUICK if quick else plan.FULL)

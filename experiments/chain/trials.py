@@ -21,7 +21,6 @@ from experiments.chain.statistics import percentile
 from experiments.chain.view import view
 from experiments.scenario import Scenario
 from radiometry.geometry import FloatArray
-from radiometry.thesis import PrintedModel
 from scenes.projection.bits import bit_pixels
 
 #: Rows and columns of some pixels.
@@ -44,7 +43,6 @@ VARIABLES: dict[str, tuple[str, str]] = {
     "snr_rendered_ci95": ("1", "half width of the 95 % interval of snr_rendered"),
     "cnr_rendered": ("1", "contrast-to-noise ratio over the noise draws; missing where bits saturate"),
     "cnr_rendered_ci95": ("1", "half width of the 95 % interval of cnr_rendered"),
-    "snr_thesis": ("1", "signal-to-noise ratio by the thesis's formula as printed, its own 5 mm bit"),
     "full_well_fraction": ("1", "expected signal of a bright bit over the usable well"),
     "saturated_fraction": ("1", "share of bright-bit pixels that saturate"),
     "smear_px": ("pixel", "motion of the target during the exposure"),
@@ -80,8 +78,8 @@ class Trials:
 def known_values(
     scenario: Scenario, illumination: str, budget: LinkBudget, rate: FloatArray, seconds: list[float]
 ) -> dict[str, list[float]]:
-    """Per exposure, what needs no noise: closed form, thesis, and the rendered expectation."""
-    scene_view, marker, printed = view(scenario), scenario.marker, PrintedModel()
+    """Per exposure, what needs no noise: the closed form and the rendered expectation."""
+    scene_view, marker = view(scenario), scenario.marker
     signal_rate = _mean_over_bits(rate, bit_pixels(scene_view, marker.white_bit_centres_m()))
     background_rate = _mean_over_bits(rate, bit_pixels(scene_view, marker.black_bit_centres_m()))
     values: dict[str, list[float]] = {name: [] for name in VARIABLES}
@@ -96,7 +94,6 @@ def known_values(
             (signal_rate * t + analytic["dark"]) / usable_well_electrons(scenario.sensor)
         )
         values["smear_px"].append(analytic["smear_px"])
-        values["snr_thesis"].append(float(printed.snr(scenario.range_m, t, sun=illumination == "sunlit")))
     return {name: v for name, v in values.items() if v}
 
 

@@ -1,4 +1,4 @@
-"""What the page shows of the rendered frame: pictures, histogram, detection, pose, and the three models side by side."""
+"""What the page shows of the rendered frame: pictures, histogram, detection, pose, and rendered beside closed form."""
 
 from __future__ import annotations
 
@@ -23,7 +23,6 @@ from experiments.scenario import Scenario
 from experiments.studies.glare.fusion import difference
 from radiometry import link
 from radiometry.geometry import FloatArray
-from radiometry.thesis import PrintedModel
 
 #: Bars of the histogram.
 HISTOGRAM_BINS = 96
@@ -60,7 +59,7 @@ def shoot(scenario: Scenario, rate: FloatArray, off_rate: FloatArray | None, sec
 
 
 def rendered(scenario: Scenario, prepared: Prepared, drive: float, pair: bool) -> dict[str, Any]:
-    """All that comes from the rendered frame: pictures, histogram, detection, pose, and the three models side by side.
+    """All that comes from the rendered frame: pictures, histogram, detection, pose, and rendered beside closed form.
 
     Args:
         scenario: of the state, LED current included.
@@ -86,12 +85,10 @@ def rendered(scenario: Scenario, prepared: Prepared, drive: float, pair: bool) -
 def models(
     scenario: Scenario, budget: chain.LinkBudget, known: dict[str, float], seconds: float
 ) -> list[dict[str, Any]]:
-    """The thesis as printed, the closed form, and the rendered frame before noise: S, B, SNR and CNR of one frame."""
+    """The closed form and the rendered frame before noise: S, B, SNR and CNR of one frame."""
     dark, noise = scenario.sensor.dark_electrons(seconds), scenario.sensor.total_noise_electrons
-    printed = PrintedModel().signal_e(scenario.range_m, seconds, sun=scenario.illumination == "sunlit")
     signal, background = known["signal_expected"], known["background_expected"]
     rows = (
-        ("the thesis as printed", float(printed), None, known["snr_thesis"], None),
         (
             "closed form",
             known["signal_analytic"],
@@ -112,7 +109,7 @@ def models(
         {
             "model": model,
             **{n: v for n, v in zip(names, row, strict=True)},
-            "texts": ["–" if v is None else number(v) for v in row],
+            "texts": [number(v) for v in row],
         }
         for model, *row in rows
     ]

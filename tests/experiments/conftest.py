@@ -49,7 +49,6 @@ def _make(*, found: float = 1.0, attitude_deg: float = 0.1, **sections: Any) -> 
         values["smear_px"][i, j, k] = float(link.smear_px(scenario.camera, range_m, 0.05, seconds))
     values["snr_rendered_ci95"] += 2.0
     values["cnr_rendered_ci95"] += 2.0
-    values["snr_thesis"] += 0.5
     values["detected_fraction"] += found
     values["attitude_error_p95_deg"] += attitude_deg if found else np.nan
     values["range_error_p95"] += 0.001 if found else np.nan

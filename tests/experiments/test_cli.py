@@ -91,7 +91,7 @@ MISTAKES: list[tuple[tuple[str, ...], str]] = [
     ((*RENDER, "--seed", str(2**63)), "seed: 9223372036854775808, expected less than"),
     ((*EXPOSE, "--trial", "-1"), "--trial"),
     ((*DETECT, "--require", "beauty"), "--require"),
-    (("budget", "--workers", "0"), "--workers"),
+    (("budget", "--workers", "-1"), "--workers"),
     (("budget", "--require", "soon"), "expected 'closes' or ILLUMINATION:RANGE"),
     (("budget", "--require", "dusk:3"), "expected 'closes' or ILLUMINATION:RANGE"),
     (("budget", "--require", "eclipse:nan"), "expected 'closes' or ILLUMINATION:RANGE"),

@@ -12,10 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.console import Console
 
-from experiments.cli.console import budget_table, verdict_panel
 from experiments.reporting.formatting import factor, number, ranges_text, seconds_text
 from experiments.studies.budget.advice import exposure_windows
-from experiments.studies.budget.verdict import MEASURES, summarise
+from experiments.studies.budget.criteria import MEASURES
+from experiments.studies.budget.terminal import budget_table, verdict_panel
+from experiments.studies.budget.verdict import summarise
 from radiometry import link
 from radiometry.closure import CRITERIA
 
