@@ -202,7 +202,7 @@ def test_a_range_without_a_bit_in_the_frame_has_no_margin(base):
 
 
 class Broken(Here):
-    """A crew whose first task loses its worker."""
+    """An executor whose first task loses its worker."""
 
     losses = (ConnectionError,)
 
@@ -230,7 +230,7 @@ def _waits_for(condition, seconds=10.0):
 
 def test_stock_goes_on_after_a_lost_worker_and_tells_why_a_geometry_failed(monkeypatch):
     monkeypatch.setattr("experiments.explore.stock.closed_form", lambda scenario: Budgets({"eclipse": scenario}))
-    crew = Broken()
+    executor = Broken()
 
     def refused():
         raise ValueError("camera.focus_m: wrong")
@@ -240,10 +240,10 @@ def test_stock_goes_on_after_a_lost_worker_and_tells_why_a_geometry_failed(monke
         Task("wrong", False, "", refused),
         Task("good", False, "", SimpleNamespace),
     ]
-    with Stock(crew) as stock:
+    with Stock(executor) as stock:
         stock.want("good", lambda: iter(tasks))
         _waits_for(lambda: stock.budgets("good") is not None)
-        assert crew.recovered == 1
+        assert executor.recovered == 1
         with pytest.raises(ValueError, match="has died"):
             stock.frame("lost")
         with pytest.raises(ValueError, match=r"camera\.focus_m"):

@@ -150,8 +150,8 @@ def _plots(result: BudgetResult) -> Iterator[Block]:
             Plot("attitude", figures.attitude_panel(result), "Attitude error against range"),
         ),
         f"Detection and attitude are those of the rendered frames with {exposure_name(_shown_label(result))}; bars are exact "
-        "95 % intervals (Clopper and Pearson). They cover noise alone, so neighbouring ranges, where the marker lies otherwise on the "
-        "pixels, scatter more. A range without a pose has no attitude point.",
+        "95 % intervals (Clopper and Pearson). They cover noise alone, so neighbouring ranges, where the marker lies otherwise "
+        "on the pixels, scatter more. A range without a pose has no attitude point.",
     )
 
 
@@ -173,8 +173,8 @@ def _pictures(result: BudgetResult, summary: Summary) -> Iterator[Block]:
     yield Text(
         (
             f"The first noise draw with {exposure_name(_shown_label(result))}, cropped to the marker and enlarged by a whole "
-            "factor, so that every square is one pixel. Grey is the square root of the digital number, stretched between percentiles "
-            f"{pictures.BLACK_PERCENTILE:g} and {pictures.WHITE_PERCENTILE:g} of the crop.",
+            "factor, so that every square is one pixel. Grey is the square root of the digital number, stretched between "
+            f"percentiles {pictures.BLACK_PERCENTILE:g} and {pictures.WHITE_PERCENTILE:g} of the crop.",
         )
     )
     cases = {case.illumination: case for case in summary.shown}
