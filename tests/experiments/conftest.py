@@ -63,9 +63,11 @@ def _make(*, found: float = 1.0, attitude_deg: float = 0.1, **sections: Any) -> 
     labels = [budget.exposure_label(e) for e in plan.exposures_s]
     coordinates = {"range_m": list(plan.ranges_m), "illumination": list(plan.illuminations), "exposure": labels}
     attributes = {
-        "software": "mantis-radiometry 0", "versions": "numpy 2", "history": "2026-01-01T00:00Z mantis budget",
+        "software": "mantis-radiometry 0",
+        "versions": "numpy 2",
+        "history": "2026-01-01T00:00Z mantis budget",
         "scenario_hash": scenario.digest(),
-    }  # fmt: skip
+    }
     # The private function is what puts margins into every real dataset; a copy of it here would test nothing.
     dataset = budget._judged(scenario, xr.Dataset(data, coordinates, attributes))
     snapshots = [

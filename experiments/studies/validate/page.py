@@ -214,8 +214,8 @@ def _crosschecks(result: ValidationResult) -> Iterator[Block]:
             "Taken at 2 m, tilted by 40°, with the ICX429AL, whose quantum efficiency falls steeply over the passband.",
             "Transport: stock Mitsuba's path samples wavelengths at random, with the sources' own spectra, on a specfilm "
             "whose response is the camera's, with knots 1 nm apart. Pixels are square and without point spread on both sides.",
-            "Spectral integrals: colour-science interpolates (Sprague) and integrates the solar spectrum and the LED line against "
-            "filter, quantum efficiency and photon energy.",
+            "Spectral integrals: colour-science interpolates (Sprague) and integrates the solar spectrum and the LED line "
+            "against filter, quantum efficiency and photon energy.",
             "Electrons: mean and variance of the numbers that prysm's detector draws, against the closed-form moments. Its "
             "full well is left open, because prysm lets the bias take room in it.",
         )

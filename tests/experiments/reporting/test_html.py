@@ -182,9 +182,11 @@ def test_marker_at_the_edge_of_the_frame_is_cropped_not_refused(make_budget):
 
 
 _SCALARS = st.one_of(
-    st.booleans(), st.integers(-(2**60), 2**60), st.floats(allow_nan=False, allow_infinity=False),
+    st.booleans(),
+    st.integers(-(2**60), 2**60),
+    st.floats(allow_nan=False, allow_infinity=False),
     st.text(st.characters(exclude_categories=("Cs",))),
-)  # fmt: skip
+)
 
 
 @settings(deadline=None, derandomize=True)

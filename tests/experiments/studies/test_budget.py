@@ -131,10 +131,12 @@ def test_expose_repeats_the_frames_of_the_budget(
     mantis: Mantis, folder: Path, tmp_path: Path, range_m: float, illumination: str
 ) -> None:
     name = f"range_{range_m:06.2f}m"
-    status, _, error = mantis(
-        "expose", folder / "out" / "transport" / f"{name}.exr", folder / "tiny.toml", "-o", tmp_path / "frame.png",
-        "--set", f"range_m={range_m}", "--set", f"illumination={illumination}",
-    )  # fmt: skip
+    basis, settings = (
+        folder / "out" / "transport" / f"{name}.exr",
+        (f"range_m={range_m}", f"illumination={illumination}"),
+    )
+    options = [part for setting in settings for part in ("--set", setting)]
+    status, _, error = mantis("expose", basis, folder / "tiny.toml", "-o", tmp_path / "frame.png", *options)
     assert (status, error) == (0, "")
     assert (tmp_path / "frame.png").read_bytes() == (
         folder / "out" / "frames" / f"{name}_{illumination}.png"
