@@ -147,11 +147,12 @@ class Table:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The headings, each with the group that it stands under: 'SNR: closed form'."""
-        if not self.groups:
-            return self.headings
-        over = [text for text, columns in self.groups for _ in range(columns)]
-        return tuple(f"{group}: {text}" for group, text in zip(over, self.headings, strict=True))
+        """The headings; where two are alike, with the groups that they stand under: 'SNR: closed form'."""
+        over = [text for text, columns in self.groups for _ in range(columns)] or [""] * len(self.headings)
+        return tuple(
+            f"{group}: {text}" if group and self.headings.count(text) > 1 else text
+            for group, text in zip(over, self.headings, strict=True)
+        )
 
     def csv(self) -> str:
         """The rows as CSV under their `names`."""

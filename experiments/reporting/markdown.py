@@ -35,7 +35,8 @@ def markdown(block: Block, stem: str) -> Iterator[str]:
     elif isinstance(block, Code):
         yield f"```\n{block.text}\n```"
     elif isinstance(block, Details):
-        yield f"**{escaped(block.summary)}**"
+        if not any(isinstance(inner, Table) and inner.caption for inner in block.blocks[:1]):
+            yield f"**{escaped(block.summary)}**"  # a table says itself what it is
         for inner in block.blocks:
             yield from markdown(inner, stem)
 

@@ -1,22 +1,40 @@
-"""A small budget made from round figures, without rendering, for tests of what is said about budgets."""
+"""A small budget made from round figures, without rendering; and a check of the figures of every page that a test writes."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import xarray as xr
+from drawn import check_figure
 
 from detector.features import Features
 from experiments import chain
+from experiments.reporting.page import Page
 from experiments.scenario import Scenario
 from experiments.studies.budget import study as budget
 from experiments.studies.budget.study import BudgetResult, Snapshot
 from radiometry import link
 
 MakeBudget = Callable[..., BudgetResult]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _figures_of_every_page_are_drawn() -> Iterator[None]:
+    """Every page that a test writes has its figures checked, whichever study it is of."""
+    write = Page.write
+
+    def checked(page: Page, out: Path) -> None:
+        for plot in page.plots():
+            check_figure(plot.figure, f"{page.name}-{plot.key}")
+        write(page, out)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Page, "write", checked)
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -36,7 +36,7 @@ def range_by_range(result: BudgetResult, summary: Summary) -> Iterator[Block]:
             "SNR and CNR are missing where bits saturate.",
         )
     )
-    yield Download("Save all exposures as CSV", "mantis-budget.csv", all_cases_csv(result.dataset), key="")
+    yield Download("All exposures as CSV", "mantis-budget.csv", all_cases_csv(result.dataset), key="")
     for case_label in _labels(result):
         rows = tuple(
             _row(result.dataset.sel(range_m=range_m, illumination=illumination, exposure=case_label), summary)

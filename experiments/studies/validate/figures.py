@@ -79,7 +79,7 @@ def error_budget(dataset: xr.Dataset) -> Figure:
     for axis in axes[0]:
         axis.set(xlabel="range [m]", yscale="log", ylim=(1e-7, 5))
         axis.legend(fontsize=7, loc="lower right", frameon=True, framealpha=0.85)
-    axes[0, 0].set_ylabel(f"relative change ({label})")
+    axes[0, 0].set_ylabel(f"relative change [–] ({label})")
     return figure
 
 

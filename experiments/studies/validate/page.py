@@ -137,7 +137,7 @@ def _cells(dataset: xr.Dataset, facts: dict[str, float]) -> Iterator[Block]:
     if missing:
         text += f" In {missing:.0f} of them bits lie outside the frame; they are not judged."
     yield Text((text,))
-    yield Download("Save every cell as CSV", "mantis-validation-cells.csv", cells_csv(dataset), key="cells")
+    yield Download("Every cell as CSV", "mantis-validation-cells.csv", cells_csv(dataset), key="cells")
 
 
 def _values(axis: xr.DataArray) -> str:

@@ -16,6 +16,7 @@ from experiments.reporting.page import Page
 def _page(**changes: object) -> Page:
     figure, axes = new_figure()
     axes[0, 0].plot([1, 2], [3, 4])
+    axes[0, 0].set(xlabel="range [m]", ylabel="SNR [–]")
     table = Table(
         ("range [m]", "closed form", "rendered", "closed form"),
         ((Cell("1"), Cell("5"), Cell("6", passed=True), Cell("7", passed=False)),),
@@ -45,10 +46,10 @@ def test_the_folder_holds_what_the_page_links(tmp_path: Path) -> None:
     assert "Pictures of the marker: see `report.html`." in text
 
 
-def test_columns_of_one_heading_are_told_apart_by_their_group() -> None:
+def test_columns_of_one_heading_are_told_apart_by_their_groups() -> None:
     [table] = _page().tables()
     [row] = list(csv.DictReader(io.StringIO(table.csv())))
-    assert row == {"case: range [m]": "1", "SNR: closed form": "5", "SNR: rendered": "6", "CNR: closed form": "7"}
+    assert row == {"range [m]": "1", "SNR: closed form": "5", "rendered": "6", "CNR: closed form": "7"}
     assert _page().record()["tables"] == {"ranges": [row]}
 
 
