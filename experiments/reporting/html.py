@@ -32,6 +32,7 @@ class Report:
     reproduction: tuple[Block, ...]
     footer: str = ""
     about: tuple[str, ...] = ()
+    advice_title: str = "What would help, and what the frames show"
 
 
 def render(report: Report) -> str:

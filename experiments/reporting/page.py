@@ -33,6 +33,7 @@ class Page:
         command: the command line that makes it again.
         sections: the evidence, in the order in which it is read.
         findings: what was found or would help, a sentence each; a word and a colon at the start are set bold.
+        findings_title: their heading in the browser.
         cards: parts of the verdict in a few large words.
         about: paragraphs that say what is asked and how it is answered.
         limits: assumptions and what is not modelled.
@@ -52,6 +53,7 @@ class Page:
     command: str
     sections: tuple[Section, ...]
     findings: tuple[str, ...] = ()
+    findings_title: str = "Findings"
     cards: tuple[Card, ...] = ()
     about: tuple[str, ...] = ()
     limits: tuple[str, ...] = ()
@@ -146,6 +148,7 @@ class Page:
                 reproduction=tuple(again),
                 footer=foot,
                 about=self.about,
+                advice_title=self.findings_title,
             )
         )
 

@@ -62,6 +62,7 @@ def page(result: BudgetResult, command: str = "mantis budget") -> Page:
         command=command,
         sections=sections,
         findings=summary.advice,
+        findings_title="What would help, and what the frames show",
         cards=_cards(result, summary),
         about=(ABOUT, THESIS) if is_default(scenario) else (ABOUT,),
         limits=LIMITS,
