@@ -92,11 +92,9 @@ def study_verb(study: StudyVerb) -> click.Command:
     def run(options: Options, source: str | None = None, **given: Any) -> None:
         _run(study, options, source, given)
 
-    written = [
-        f"report.html, {study.stem or study.name}.md, data and figures",
-        *([study.writes] if study.writes else []),
-    ]
-    run.__doc__ = f"{study.help}\n\nWrites {'; '.join(written)} into the folder --out (default out/{study.name})."
+    rest = f"data, figures, and {study.writes}" if study.writes else "data and figures"
+    written = f"report.html, {study.stem or study.name}.md, {rest}"
+    run.__doc__ = f"{study.help}\n\nWrites {written} into the folder --out (default out/{study.name})."
     command: Callable[..., Any] = run
     for option in reversed(_options(study)):
         command = option(command)

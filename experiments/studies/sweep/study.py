@@ -111,7 +111,7 @@ def _task_groups(cases: list[Case], workers: int) -> list[list[list[Case]]]:
     small: list[Case] = []
     for members in geometries.values():
         if len(members) > most // 2:
-            ordered = [case for lit in by_illumination(members) for case in lit]
+            ordered = [case for alike in by_illumination(members) for case in alike]
             groups.append([ordered[i : i + most] for i in range(0, len(ordered), most)])
             continue
         small += members

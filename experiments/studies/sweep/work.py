@@ -92,8 +92,8 @@ def compute(cases: Sequence[Case]) -> Iterator[Done]:
         if isinstance(basis, Exception):
             yield from ((index, failure(basis), 0) for index, _ in members)
             continue
-        for lit in by_illumination(members):
-            for index, record in _lit_cases(lit, basis):
+        for alike in by_illumination(members):
+            for index, record in _of_one_illumination(alike, basis):
                 yield index, record, rendered
                 rendered = 0
 
@@ -131,7 +131,7 @@ def by_illumination(cases: Sequence[Case]) -> list[list[Case]]:
     return list(groups.values())
 
 
-def _lit_cases(cases: Sequence[Case], basis: TransportBasis) -> Iterator[tuple[int, Record]]:
+def _of_one_illumination(cases: Sequence[Case], basis: TransportBasis) -> Iterator[tuple[int, Record]]:
     """Records of cases that differ in their exposure alone."""
     scenario, left = cases[0][1], list(cases)
     illumination = scenario.illumination
