@@ -218,9 +218,9 @@ def budget(scenario: Scenario, *, quick: bool = False, progress: Progress | None
     Returns:
         `dataset` holds every figure, with dimensions range_m, illumination and exposure.
     """
-    from experiments.studies.budget import study
+    from experiments.studies.budget import plan, study
 
-    return study.run_budget(study.quick(scenario) if quick else scenario, progress=progress)
+    return study.run(scenario, plan.QUICK if quick else plan.FULL, progress)
 
 
 def sweep(
@@ -255,12 +255,12 @@ def sweep(
     """
     from functools import partial
 
-    from experiments.chain.executor import Processes
+    from experiments.chain.executor import ProcessExecutor
     from experiments.studies.sweep import study
 
     cases = study.load_sweep(Path(plan), overrides)
-    crew = None if workers is None else partial(Processes, workers)
-    return study.run_sweep(cases, Path(out), resume=resume, crew=crew, progress=progress)
+    executor = None if workers is None else partial(ProcessExecutor, workers)
+    return study.run_sweep(cases, Path(out), resume=resume, executor=executor, progress=progress)
 
 
 def validate(scenario: Scenario, *, quick: bool = False, progress: Progress | None = None) -> xr.Dataset:
@@ -271,9 +271,9 @@ def validate(scenario: Scenario, *, quick: bool = False, progress: Progress | No
         quick: 16 geometries instead of 180: within a minute.
         progress: called after every geometry.
     """
-    from experiments.studies.validate import study
+    from experiments.studies.validate import plan, study
 
-    return study.validate(study.QUICK if quick else study.FULL, scenario, progress)
+    return study.compare(scenario, plan.QUICK if quick else plan.FULL, progress)
 
 
 def glare(

@@ -20,7 +20,6 @@ from experiments.chain.exposure import expose
 from experiments.chain.link_budget import LinkBudget
 from experiments.chain.statistics import percentile
 from radiometry.geometry import FloatArray
-from radiometry.thesis import PrintedModel
 
 #: Rows and columns of some pixels.
 Pixels = tuple[NDArray[np.intp], NDArray[np.intp]]
@@ -40,7 +39,6 @@ VARIABLES: dict[str, tuple[str, str]] = {
     "snr_rendered_ci95": ("1", "half width of the 95 % interval of snr_rendered"),
     "cnr_rendered": ("1", "contrast-to-noise ratio over the noise draws; missing where bits saturate"),
     "cnr_rendered_ci95": ("1", "half width of the 95 % interval of cnr_rendered"),
-    "snr_thesis": ("1", "signal-to-noise ratio by the thesis's formula as printed, its own 5 mm bit"),
     "full_well_fraction": ("1", "expected signal of a bright bit over the usable well"),
     "saturated_fraction": ("1", "share of bright-bit pixels that saturate"),
     "smear_px": ("pixel", "motion of the target during the exposure"),
@@ -83,7 +81,7 @@ def known_values(case: Case, budget: LinkBudget, rate: FloatArray, seconds: list
         seconds: exposures.
     """
     signal_rate, background_rate = case.bright.mean(rate), case.dark.mean(rate)
-    well, printed = usable_well_electrons(case.scenario.sensor), PrintedModel()
+    well = usable_well_electrons(case.scenario.sensor)
     values: dict[str, list[float]] = {name: [] for name in VARIABLES}
     for t in seconds:
         analytic = budget.at(t)
@@ -94,7 +92,6 @@ def known_values(case: Case, budget: LinkBudget, rate: FloatArray, seconds: list
         values["background_expected"].append(background_rate * t)
         values["full_well_fraction"].append((signal_rate * t + analytic["dark"]) / well)
         values["smear_px"].append(analytic["smear_px"])
-        values["snr_thesis"].append(float(printed.snr(case.scenario.range_m, t, sun=case.illumination == "sunlit")))
     return {name: v for name, v in values.items() if v}
 
 

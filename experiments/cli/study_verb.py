@@ -2,6 +2,9 @@
 
 A study is a package with `plan.Plan` (and `plan.FULL`, `plan.QUICK`), `study.run(scenario, plan, progress)` and
 `page.page(result, command)`, which gives an `experiments.reporting.page.Page`. Nothing of it is imported before its verb runs.
+
+A study whose `--require` takes free text has `requirement.parse(text, scenario)`, which is called before anything is computed and
+raises a ValueError for what is no condition, and `requirement.unmet(condition, result)`, which says why it is not met, if so.
 """
 
 from __future__ import annotations
@@ -59,6 +62,10 @@ class StudyVerb:
         renders: whether it needs the renderer.
         workers: whether it can use several processes.
         require: conditions of `--require`, each with what it asks.
+        condition: what `--require` takes where it is free text; see above.
+        writes: what the run itself writes into the folder as it goes, because memory should not hold all of it; empty for
+            nothing. Its `run` takes the folder as `out`.
+        stem: name of the page's files; default the verb's.
         plan: options that change the plan.
     """
 
@@ -72,6 +79,9 @@ class StudyVerb:
     renders: bool = True
     workers: bool = False
     require: Mapping[str, str] | None = None
+    condition: str = ""
+    writes: str = ""
+    stem: str = ""
     plan: Sequence[PlanOption] = ()
 
 
@@ -82,7 +92,9 @@ def study_verb(study: StudyVerb) -> click.Command:
     def run(options: Options, source: str | None = None, **given: Any) -> None:
         _run(study, options, source, given)
 
-    run.__doc__ = f"{study.help}\n\nWrites report.html, {study.name}.md, data and figures into the folder --out (default out/{study.name})."
+    rest = f"data, figures, and {study.writes}" if study.writes else "data and figures"
+    written = f"report.html, {study.stem or study.name}.md, {rest}"
+    run.__doc__ = f"{study.help}\n\nWrites {written} into the folder --out (default out/{study.name})."
     command: Callable[..., Any] = run
     for option in reversed(_options(study)):
         command = option(command)
@@ -99,12 +111,20 @@ def _options(study: StudyVerb) -> list[Callable[..., Any]]:
         found.append(click.option(o.flag, o.field, type=o.kind, multiple=o.multiple, help=o.help))
     if study.workers:
         found.append(
-            click.option("--workers", type=click.IntRange(0), help="Processes beside this one; default one a core.")
+            click.option(
+                "--workers", type=click.IntRange(0), help="Processes beside this one; 0 is none, default one a core."
+            )
         )
     if study.require:
         asks = "; ".join(f"{name}: {what}" for name, what in study.require.items())
         found.append(
             click.option("--require", type=click.Choice(list(study.require)), help=f"Exit status 4 unless met. {asks}.")
+        )
+    if study.condition:
+        found.append(
+            click.option(
+                "--require", metavar="CONDITION", help=f"{study.condition}; exit status 4 where it is not met."
+            )
         )
     return found
 
@@ -117,18 +137,21 @@ def _run(study: StudyVerb, options: Options, source: str | None, given: dict[str
     plans, runs = import_module(f"{study.package}.plan"), import_module(f"{study.package}.study")
     plan = replace(plans.QUICK if quick else plans.FULL, **changes)
     scenario = _scenario(study, options, source)
+    requirement = import_module(f"{study.package}.requirement") if study.condition and require else None
+    condition = requirement.parse(require, scenario) if requirement else None
     out = options.out or Path("out") / study.name
     ready_folder(out)
     if study.renders:
         announce_variant(options)
-    how = {"workers": workers} if study.workers else {}
+    how = {**({"workers": workers} if study.workers else {}), **({"out": out} if study.writes else {})}
     result = with_progress(options, lambda tell: runs.run(scenario, plan, tell, **how))
     page = import_module(f"{study.package}.page").page(result, _command(study, options, source, quick, changes))
     page.write(out)
     options.say(*page.terminal(), f"Report and data: {out / 'report.html'}")
     options.emit({**page.record(), "out": out})
-    if require and require in page.unmet:
-        raise RequirementNotMet(page.unmet[require])
+    short = requirement.unmet(condition, result) if requirement else page.unmet.get(require or "", "")
+    if short:
+        raise RequirementNotMet(short)
 
 
 def _scenario(study: StudyVerb, options: Options, source: str | None) -> Any:

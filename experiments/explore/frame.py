@@ -1,4 +1,4 @@
-"""What the page shows of the rendered frame: pictures, histogram, detection, pose, and both models side by side."""
+"""What the page shows of the rendered frame: pictures, histogram, detection, pose, and rendered beside closed form."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def shoot(scenario: Scenario, rate: FloatArray, off_rate: FloatArray | None, sec
 
 
 def rendered(scenario: Scenario, prepared: Prepared, drive: float, pair: bool) -> dict[str, Any]:
-    """All that comes from the rendered frame: pictures, histogram, detection, pose, and the two models side by side.
+    """All that comes from the rendered frame: pictures, histogram, detection, pose, and rendered beside closed form.
 
     Args:
         scenario: of the state, LED current included.

@@ -16,7 +16,7 @@ from types import TracebackType
 from typing import Any
 
 from experiments import chain
-from experiments.chain.executor import Crew
+from experiments.chain.executor import Executor
 from experiments.scenario import Scenario
 from radiometry.geometry import FloatArray
 from scenes.files.cache import TransportCache, default_folder
@@ -115,12 +115,12 @@ class GeometryStore:
     """Prepared geometries, and a thread that has more prepared; a context manager that ends both.
 
     Args:
-        crew: where the work is done; it is ended with the store.
+        executor: where the work is done; it is ended with the store.
         limit_bytes: of prepared frames in memory.
     """
 
-    def __init__(self, crew: Crew, limit_bytes: int = LIMIT_BYTES) -> None:
-        self._crew, self._limit = crew, limit_bytes
+    def __init__(self, executor: Executor, limit_bytes: int = LIMIT_BYTES) -> None:
+        self._executor, self._limit = executor, limit_bytes
         self._frames: OrderedDict[Key, Prepared] = OrderedDict()
         self._budgets: dict[Key, Budgets] = {}
         self._failed: dict[Key, str] = {}
@@ -141,7 +141,7 @@ class GeometryStore:
         with self._condition:
             self._closed = True
             self._condition.notify_all()
-        self._crew.__exit__(KeyboardInterrupt, None, None)  # a running task is of no use any more
+        self._executor.__exit__(KeyboardInterrupt, None, None)  # a running task is of no use any more
         self._thread.join(timeout=30)
 
     def want(self, present: Key, plan: Callable[[], Iterator[Task]]) -> None:
@@ -180,11 +180,11 @@ class GeometryStore:
         while (task := self._next()) is not None:
             try:
                 work = prepare if task.frame else closed_form
-                found = self._crew.submit(_aside, work, task.make()).result()
-            except self._crew.losses:
+                found = self._executor.submit(_aside, work, task.make()).result()
+            except self._executor.losses:
                 if self._closed:
                     return
-                self._crew.recover()
+                self._executor.recover()
                 self._note(task.key, None, "the process that renders has died; `mantis doctor` may say why")
             except (
                 Exception

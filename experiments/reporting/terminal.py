@@ -22,4 +22,4 @@ def plain_table(title: str, header: Sequence[str], *rows: Sequence[object]) -> R
 
 def text_table(table: Table) -> RichTable:
     """A table of a page."""
-    return plain_table(table.caption, table.headings, *([cell.text for cell in row] for row in table.rows))
+    return plain_table(table.caption, table.headings, *([cell.marked for cell in row] for row in table.rows))

@@ -203,7 +203,7 @@ def test_a_range_without_a_bit_in_the_frame_has_no_margin(base):
 
 
 class Broken(Here):
-    """A crew whose first task loses its worker."""
+    """An executor whose first task loses its worker."""
 
     losses = (ConnectionError,)
 
@@ -231,7 +231,7 @@ def _waits_for(condition, seconds=10.0):
 
 def test_the_store_goes_on_after_a_lost_worker_and_tells_why_a_geometry_failed(monkeypatch):
     monkeypatch.setattr("experiments.explore.geometries.closed_form", lambda scenario: Budgets({"eclipse": scenario}))
-    crew = Broken()
+    executor = Broken()
 
     def refused():
         raise ValueError("camera.focus_m: wrong")
@@ -241,10 +241,10 @@ def test_the_store_goes_on_after_a_lost_worker_and_tells_why_a_geometry_failed(m
         Task("wrong", False, "", refused),
         Task("good", False, "", SimpleNamespace),
     ]
-    with GeometryStore(crew) as store:
+    with GeometryStore(executor) as store:
         store.want("good", lambda: iter(tasks))
         _waits_for(lambda: store.budgets("good") is not None)
-        assert crew.recovered == 1
+        assert executor.recovered == 1
         with pytest.raises(ValueError, match="has died"):
             store.frame("lost")
         with pytest.raises(ValueError, match=r"camera\.focus_m"):

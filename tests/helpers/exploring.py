@@ -18,7 +18,7 @@ from experiments.scenario import Scenario
 
 
 class Here:
-    """A crew of none: a task runs where it is submitted, at its own priority."""
+    """An executor without workers: a task runs where it is submitted, at its own priority."""
 
     losses: tuple[type[BaseException], ...] = ()
 

@@ -32,8 +32,8 @@ import click
 import pytest
 
 from experiments.cli import main as cli
+from experiments.reporting.page import Page
 from experiments.scenario import load_scenario
-from experiments.studies.budget import report
 from experiments.studies.close.constraints import load_constraints
 from experiments.studies.sweep.study import load_sweep
 from materials import library
@@ -145,18 +145,19 @@ def test_make_lines_name_targets(block: Block, line: str) -> None:
 
 @pytest.fixture
 def one_report(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The report of a budget is drawn once, for it takes most of the time; other tests are about its content."""
-    monkeypatch.setattr(report, "render_budget_report", lambda *arguments: _first_report(arguments))
+    """A study's figures and page are drawn once, for that takes most of the time; other tests are about their content."""
+    monkeypatch.setattr(Page, "html", _first_html)
+    monkeypatch.setattr(Page, "plots", lambda page: () if page.study in _drawn else _plots(page))
 
 
-_drawn: list[str] = []
-_draw = report.render_budget_report
+_drawn: dict[str, str] = {}
+_html, _plots = Page.html, Page.plots
 
 
-def _first_report(arguments: tuple[Any, ...]) -> str:
-    if not _drawn:
-        _drawn.append(_draw(*arguments))
-    return _drawn[0]
+def _first_html(page: Page) -> str:
+    if page.study not in _drawn:
+        _drawn[page.study] = _html(page)
+    return _drawn[page.study]
 
 
 @pytest.mark.usefixtures("one_report")
@@ -303,7 +304,7 @@ def test_every_figure_stands_on_a_page_that_says_which_command_made_it() -> None
     shown |= {
         target.removeprefix("docs/") for target in re.findall(r"\]\((docs/[^)]+)\)", README.read_text(encoding="utf-8"))
     }
-    kept = {str(p.relative_to(DOCS)) for p in DOCS.glob("*/*.svg") if p.parent.name in ("figures", "validation")}
+    kept = {str(p.relative_to(DOCS)) for p in (DOCS / "figures").glob("*.svg")}
     kept |= {str(p.relative_to(DOCS)) for p in (DOCS / "figures").glob("*.png")}
     assert kept
     assert kept <= shown

@@ -15,6 +15,7 @@ from experiments.cli.options import (
     shared_options,
     with_progress,
 )
+from experiments.cli.study_verb import StudyVerb, study_verb
 from experiments.cli.verbs.measuring import calibrate, features
 
 
@@ -31,7 +32,7 @@ def sweep(options: Options, plan: Path, resume: bool, workers: int | None, sched
     """
     from functools import partial
 
-    from experiments.chain.executor import Cluster, Crew, Processes
+    from experiments.chain.executor import ClusterExecutor, Executor, ProcessExecutor
     from experiments.studies.sweep import study
 
     if options.out is None:
@@ -40,15 +41,15 @@ def sweep(options: Options, plan: Path, resume: bool, workers: int | None, sched
         raise click.UsageError("sweep: give --workers or --scheduler, not both")
     overrides = options.overrides if options.seed is None else (*options.overrides, f"seed={options.seed}")
     cases = study.load_sweep(plan, overrides)
-    crew: Callable[[], Crew] | None = None
+    executor: Callable[[], Executor] | None = None
     if scheduler is not None:
-        crew = partial(Cluster, scheduler)
+        executor = partial(ClusterExecutor, scheduler)
     else:
         announce_variant(options)
-        crew = partial(Processes, workers) if workers is not None else None
+        executor = partial(ProcessExecutor, workers) if workers is not None else None
     try:
         outcome = with_progress(
-            options, lambda tell: study.run_sweep(cases, options.out, resume=resume, crew=crew, progress=tell)
+            options, lambda tell: study.run_sweep(cases, options.out, resume=resume, executor=executor, progress=tell)
         )
     except (ImportError, RuntimeError) as error:
         raise EnvironmentLacking(str(error)) from error
@@ -58,9 +59,14 @@ def sweep(options: Options, plan: Path, resume: bool, workers: int | None, sched
     failed = f"; {outcome.failed} could not be computed, see `reason`" if outcome.failed else ""
     options.say(f"{len(cases.scenarios)} cases, {outcome.computed} computed now, {rendered}{failed}: {options.out}")
     options.emit(
-        {"out": options.out, "cases": len(cases.scenarios), "computed": outcome.computed, "rendered": outcome.rendered,
-         "failed": outcome.failed}
-    )  # fmt: skip
+        {
+            "out": options.out,
+            "cases": len(cases.scenarios),
+            "computed": outcome.computed,
+            "rendered": outcome.rendered,
+            "failed": outcome.failed,
+        }
+    )
 
 
 @click.command()
@@ -100,42 +106,17 @@ def plot(options: Options, results: Path, x: str, y: str, hue: str | None, selec
     options.emit({"out": options.out, "fixed": fixed})
 
 
-@click.command()
-@click.argument("scenario", required=False)
-@click.option("--quick", is_flag=True, help="16 geometries instead of 180: a first look within a minute.")
-@click.option(
-    "--require", type=click.Choice(["agrees"]), help="Exit status 4 where a cell or a cross-check is outside."
+validate = study_verb(
+    StudyVerb(
+        name="validate",
+        package="experiments.studies.validate",
+        help="Closed form against rendering over range, marker size, tilt, illumination and sensor, with an error budget and "
+        "cross-checks.\n\nSCENARIO gives camera, LEDs and materials. Takes some ten minutes in full on two idle cores.",
+        quick="16 geometries instead of 180: a first look within a minute.",
+        require={"agrees": "every cell and every cross-check agree"},
+        stem="validation",
+    )
 )
-@shared_options
-def validate(options: Options, scenario: str | None, quick: bool, require: str | None) -> None:
-    """Closed form against rendering over range, marker size, tilt, light and sensor, with an error budget and cross-checks.
-
-    SCENARIO gives camera, LEDs and materials. Writes report.html, results.nc, cells.csv, crosschecks.csv and two figures into the
-    folder --out (default out/validate).
-    """
-    from experiments.reporting.files import write_text
-    from experiments.studies.validate import crosscheck, report, study
-    from experiments.studies.validate import tables as validate_tables
-
-    chosen, out = options.scenario(scenario), options.out or Path("out/validate")
-    out.mkdir(parents=True, exist_ok=True)
-    announce_variant(options)
-    dataset = with_progress(options, lambda tell: study.run(out, quick, tell, scenario=chosen))
-    checks, indirect = crosscheck.run(chosen, out)
-    command = " ".join(["mantis validate", *([scenario] if scenario else []), *(["--quick"] if quick else [])])
-    command += "".join(f" --set {o}" for o in options.overrides)
-    write_text(report.html(dataset, checks, indirect, chosen, command), out / "report.html")
-    options.say(*validate_tables.tables(dataset, checks, indirect), f"Report and data: {out / 'report.html'}")
-    outside = [
-        *validate_tables.outside(dataset),
-        *(f"{c.what} differs from {c.by} by {c.difference:.2%}" for c in checks if not c.agrees),
-    ]
-    options.emit(
-        {"summary": validate_tables.summary(dataset), "outside": outside, "crosschecks": {c.what: c.difference for c in checks},
-         "indirect": indirect, "out": out}
-    )  # fmt: skip
-    if require and outside:
-        raise RequirementNotMet(f"{len(outside)} outside, first: {outside[0]}")
 
 
 @click.command()

@@ -186,12 +186,12 @@ def explore(options: Options, scenario: str | None, host: str, port: int, no_bro
         raise click.UsageError("explore: writes no files, so --out has nothing to name; the page saves the scenario")
     chosen = options.scenario(scenario)
     announce_variant(options)
-    from experiments.chain.executor import Processes
+    from experiments.chain.executor import ProcessExecutor
     from experiments.explore.explorer import Explorer
     from experiments.explore.geometries import GeometryStore
     from experiments.explore.server import LOOPBACK, Server
 
-    with GeometryStore(Processes(1)) as store, Server(Explorer(chosen, store), host, port) as server:
+    with GeometryStore(ProcessExecutor(1)) as store, Server(Explorer(chosen, store), host, port) as server:
         options.say(server.url, "Ctrl-C ends it.")
         if host not in LOOPBACK:
             options.say(f"Whoever reaches {host} can see the page and have it render.")

@@ -10,11 +10,12 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
+from importlib.resources import files
 from pathlib import Path
 
 import pytest
 
-from experiments.chain.executor import Cluster, Processes
+from experiments.chain.executor import ClusterExecutor, ProcessExecutor
 from experiments.studies.sweep import study, work
 
 PLAN = """
@@ -88,9 +89,9 @@ def _killing(process: Callable[[], int], after: int) -> Callable[[int, int, str]
 def test_processes_write_the_same_file_though_one_is_killed(
     sweep: study.Sweep, alone: bytes, tmp_path: Path, journalled: list[int]
 ) -> None:
-    crew = Processes(2)
-    progress = _killing(lambda: next(iter(crew._executor._processes)), after=4)
-    outcome = study.run_sweep(sweep, tmp_path / "out.nc", crew=lambda: crew, progress=progress)
+    executor = ProcessExecutor(2)
+    progress = _killing(lambda: next(iter(executor._pool._processes)), after=4)
+    outcome = study.run_sweep(sweep, tmp_path / "out.nc", executor=lambda: executor, progress=progress)
     assert (tmp_path / "out.nc").read_bytes() == alone
     assert sorted(journalled) == list(range(CASES))
     assert outcome.failed == 0
@@ -129,9 +130,12 @@ def cluster(tmp_path: Path, own_cache: None) -> Iterator[tuple[str, list[subproc
 
 
 def test_a_cluster_writes_the_same_file_though_it_is_interrupted_and_a_worker_is_killed(
-    sweep: study.Sweep, alone: bytes, tmp_path: Path, journalled: list[int],
+    sweep: study.Sweep,
+    alone: bytes,
+    tmp_path: Path,
+    journalled: list[int],
     cluster: tuple[str, list[subprocess.Popen[bytes]]],
-) -> None:  # fmt: skip
+) -> None:
     """Rationale: machines of a cluster come and go, and so do those who watch it.
 
     Expected: after Ctrl-C the sweep goes on where it stopped; a real scheduler on loopback loses one of two workers after a few
@@ -142,13 +146,13 @@ def test_a_cluster_writes_the_same_file_though_it_is_interrupted_and_a_worker_is
         raise KeyboardInterrupt
 
     address, workers = cluster
-    crew, out = partial(Cluster, address), tmp_path / "out.nc"
+    executor, out = partial(ClusterExecutor, address), tmp_path / "out.nc"
     with pytest.raises(KeyboardInterrupt):
-        study.run_sweep(sweep, out, crew=crew, progress=interrupt)
+        study.run_sweep(sweep, out, executor=executor, progress=interrupt)
     done = len(journalled)
     assert 0 < done < CASES / 2
     outcome = study.run_sweep(
-        sweep, out, resume=True, crew=crew, progress=_killing(lambda: workers[0].pid, after=done + 4)
+        sweep, out, resume=True, executor=executor, progress=_killing(lambda: workers[0].pid, after=done + 4)
     )
     assert workers[0].wait(5) == -signal.SIGKILL
     assert out.read_bytes() == alone
@@ -159,12 +163,22 @@ def test_a_cluster_writes_the_same_file_though_it_is_interrupted_and_a_worker_is
 def test_an_address_without_a_scheduler_is_named(tmp_path: Path, sweep: study.Sweep) -> None:
     pytest.importorskip("distributed")
     with pytest.raises(OSError, match="--scheduler nothing://here: no Dask scheduler answers"):
-        study.run_sweep(sweep, tmp_path / "out.nc", crew=partial(Cluster, "nothing://here"))
+        study.run_sweep(sweep, tmp_path / "out.nc", executor=partial(ClusterExecutor, "nothing://here"))
 
 
 def test_a_worker_with_other_software_is_refused(sweep: study.Sweep) -> None:
     with pytest.raises(work.OtherSoftware, match="install the same version"):
         work.compute_task([(0, sweep.scenarios[0])], "0123456789abcdef")
+
+
+def test_software_is_told_by_all_that_a_case_runs_through() -> None:
+    """Rationale: a journal may be resumed by the same software alone, so nothing that computes may be left out of its hash."""
+    names = {name for package in work._PACKAGES for name, _ in work._sources(files(package), package)}
+    modules = ("scenario/model", "chain/trials", "chain/link_budget", "studies/sweep/work", "studies/sweep/window")
+    assert {f"experiments/{module}.py" for module in modules} <= names
+    assert {"scenes/render/tracer.py", "detector/pose/pose.py", "radiometry/link.py"} <= names
+    others = ("experiments/cli/", "experiments/thesis/", "experiments/studies/budget/", "experiments/explore/")
+    assert not [name for name in names if name.startswith(others)]
 
 
 def test_workers_end_with_their_parent(tmp_path: Path) -> None:

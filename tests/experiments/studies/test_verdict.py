@@ -12,10 +12,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.console import Console
 
-from experiments.cli.console import budget_table, verdict_panel
 from experiments.reporting.formatting import factor, number, ranges_text, seconds_text
+from experiments.scenario import load_scenario
 from experiments.studies.budget.advice import exposure_windows
-from experiments.studies.budget.verdict import MEASURES, summarise
+from experiments.studies.budget.criteria import MEASURES
+from experiments.studies.budget.page import is_default
+from experiments.studies.budget.page import page as budget_page
+from experiments.studies.budget.terminal import budget_table, verdict_panel
+from experiments.studies.budget.verdict import summarise
 from radiometry import link
 from radiometry.closure import CRITERIA
 
@@ -33,6 +37,16 @@ def test_shortfalls_are_those_of_the_datasets_margins(make_budget, case):
         }
         assert {(s.range_m, s.criterion, s.margin) for s in verdict.shortfalls} == expected
         assert verdict.closes == bool((margin >= 1).all())
+
+
+def test_the_page_speaks_of_the_thesis_for_the_shipped_system_alone(make_budget):
+    """Rationale: a user's own budget is about his own system; the thesis's own budget stands in `mantis errata`."""
+    own = budget_page(make_budget())
+    assert "thesis" not in " ".join([*own.about, *own.findings, own.headline, *own.limits])
+    assert not [name for name in make_budget().dataset.variables if "thesis" in name]
+    default = load_scenario(None, ("budget.ranges_m=[3, 5]", "seed=7"))
+    assert is_default(default)
+    assert not is_default(default.changed("leds.count=99"))
 
 
 def test_headline_names_ranges_lights_and_what_fails(make_budget):

@@ -13,20 +13,11 @@ from detector.sensor.sensor import Sensor, moments
 from experiments import chain
 from experiments.scenario import load_scenario
 from experiments.studies.validate import crosscheck, study
-from experiments.studies.validate import figures as validate_figures
-from experiments.studies.validate import tables as validate_tables
-from experiments.studies.validate.study import (
-    COARSE_TOLERANCE,
-    DIMS,
-    FINE_TOLERANCE,
-    QUANTITIES,
-    Plan,
-    at_geometry,
-    cropped,
-    noise_statistics,
-    validate,
-    why_not,
-)
+from experiments.studies.validate import summary as validate_summary
+from experiments.studies.validate.cells import QUANTITIES, at_geometry, cropped, noise_statistics, why_not
+from experiments.studies.validate.page import page
+from experiments.studies.validate.plan import Plan
+from experiments.studies.validate.study import COARSE_TOLERANCE, DIMS, FINE_TOLERANCE, ValidationResult, compare
 from radiometry import link
 from scenes.projection.visible import hidden_face, visible_tape
 
@@ -35,12 +26,12 @@ PLAN = Plan((2.5, 20.0), (0.05,), (40.0,), (45.0, 75.0), draws=16, rays=200_000)
 
 @pytest.fixture(scope="module")
 def dataset() -> xr.Dataset:
-    return validate(PLAN, load_scenario())
+    return compare(load_scenario(), PLAN)
 
 
 def test_every_cell_agrees_within_its_tolerance(dataset: xr.Dataset) -> None:
     assert dataset.signal_rendered.dims == DIMS
-    assert dataset.agrees.all(), list(validate_tables.outside(dataset))
+    assert dataset.agrees.all(), list(validate_summary.outside(dataset))
     assert dataset.tolerance.values.ravel().tolist() == [FINE_TOLERANCE, COARSE_TOLERANCE]
     assert set(dataset.reason.values.ravel()) == {""}
 
@@ -72,7 +63,7 @@ def test_a_wrong_closed_form_is_found_out(dataset: xr.Dataset) -> None:
     judged = _with_wrong_signal(dataset)
     assert not judged.agrees.sel(range_m=2.5).any()
     assert judged.agrees.sel(range_m=20.0).all()
-    lines = list(validate_tables.outside(judged))
+    lines = list(validate_summary.outside(judged))
     assert len(lines) == judged.sizes["illumination"] * judged.sizes["sensor"]
     assert "differs by 1.9" in lines[0] or "differs by 2.0" in lines[0]
 
@@ -91,11 +82,11 @@ def test_wrong_noise_is_found_out() -> None:
 
 def test_bits_outside_the_frame_are_told_and_not_validated() -> None:
     plan = Plan((0.3,), (0.20,), (0.0,), (45.0,), rays=100_000)
-    result = validate(plan, load_scenario())
+    result = compare(load_scenario(), plan)
     assert result.reason.item() == "the ArUco square leaves the frame"
     assert np.isnan(result.signal_rendered).all()
     assert result.agrees.all()
-    assert validate_tables.summary(result)["validated"] == 0
+    assert validate_summary.summary(result)["validated"] == 0
 
 
 def test_cropping_moves_no_pixel() -> None:
@@ -145,22 +136,35 @@ def test_the_marker_hides_more_of_the_face_from_the_sun() -> None:
     assert camera < sun < 1
 
 
-def test_figures_and_table_hold_every_cell(dataset: xr.Dataset, tmp_path: Path) -> None:
-    from experiments.reporting.figures import save_svg
+def _result(dataset: xr.Dataset) -> ValidationResult:
+    checks = (crosscheck.Agreement("electron rate", "another program", 1.0005, 1.0, 1e-4),)
+    return ValidationResult(load_scenario(), dataset, checks, {"bright bits, led": 0.0})
 
-    for n, figure in enumerate((validate_figures.agreement(dataset), validate_figures.error_budget(dataset))):
-        assert save_svg(figure, tmp_path / f"{n}.svg").stat().st_size > 10_000
-    lines = validate_tables.cells_csv(dataset).splitlines()
+
+def test_figures_and_table_hold_every_cell(dataset: xr.Dataset, tmp_path: Path) -> None:
+    page(_result(dataset)).write(tmp_path)
+    for name in ("agreement", "error-budget"):
+        assert (tmp_path / "figures" / f"validation-{name}.svg").stat().st_size > 10_000
+    lines = (tmp_path / "data" / "validation-cells.csv").read_text(encoding="utf-8").splitlines()
     assert len(lines) == 1 + dataset.agrees.size
     assert all(f"{name}_difference" in lines[0] for name in QUANTITIES)
+
+
+def test_the_page_says_what_agrees_and_what_does_not(dataset: xr.Dataset) -> None:
+    good, bad = page(_result(dataset)), page(_result(_with_wrong_signal(dataset)))
+    assert good.headline == "12 of 12 cells agree, and 1 of 1 cross-checks by other people's code."
+    assert (good.passed, bad.passed) == (True, False)
+    assert not good.unmet
+    assert bad.unmet["agrees"].startswith("6 outside, first: 2.5 m, 5 cm, 40 deg, eclipse, scenario")
+    assert good.record()["tables"]["crosschecks"][0]["ours over theirs, less one"] == "+5.0e-04"
 
 
 def test_the_verb_exits_with_4_where_a_required_cell_is_out(
     dataset: xr.Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, mantis: Callable[..., tuple[int, str, str]]
 ) -> None:
-    monkeypatch.setattr(crosscheck, "run", lambda scenario, out: ([], {}))
+    monkeypatch.setattr(crosscheck, "run", lambda scenario: ([], {}))
     for data, status in ((dataset, 0), (_with_wrong_signal(dataset), 4)):
-        monkeypatch.setattr(study, "run", lambda *a, data=data, **k: data)
+        monkeypatch.setattr(study, "compare", lambda *a, data=data, **k: data)
         assert mantis("validate", "--quick", "--out", tmp_path)[0] == 0
         got, _, error = mantis("validate", "--require", "agrees", "--json", "--out", tmp_path)
         assert got == status

@@ -20,6 +20,7 @@ from experiments import chain
 from experiments.cli.main import main
 from experiments.scenario import Scenario, load_scenario
 from experiments.studies.budget import study as budget
+from experiments.studies.budget.plan import FULL, QUICK
 from radiometry.closure import CRITERIA
 from scenes.files import exr
 from scenes.render.transport import TransportBasis
@@ -58,14 +59,14 @@ def told(folder: Path) -> dict[str, Any]:
 
 @pytest.fixture(scope="module")
 def written(told: dict[str, Any], folder: Path) -> xr.Dataset:
-    with xr.open_dataset(folder / "out" / "results.nc") as dataset:
+    with xr.open_dataset(folder / "out" / "budget.nc") as dataset:
         return dataset.load()
 
 
 @pytest.fixture(scope="module")
 def alone(tiny: Scenario) -> budget.BudgetResult:
     """The same plan in one process, without files."""
-    return budget.run_budget(tiny, workers=1)
+    return budget.run(tiny, workers=1)
 
 
 def test_the_result_does_not_depend_on_the_number_of_processes(
@@ -81,13 +82,13 @@ def test_the_result_does_not_depend_on_the_number_of_processes(
 
 
 @pytest.mark.usefixtures("told")
-def test_the_budget_leaves_report_data_transport_and_frames(folder: Path) -> None:
+def test_the_budget_leaves_pages_data_transport_and_frames(folder: Path) -> None:
     found = {str(p.relative_to(folder / "out")) for p in (folder / "out").rglob("*") if p.is_file()}
     frames = {
         f"frames/range_{r}m_{illumination}.png" for r in ("002.50", "004.00") for illumination in ("eclipse", "sunlit")
     }
     bases = {f"transport/range_{r}m.exr" for r in ("002.50", "004.00")}
-    assert {"report.html", "results.nc"} | frames | bases <= found
+    assert {"report.html", "budget.md", "budget.nc", "data/budget.csv"} | frames | bases <= found
     assert not [name for name in found if Path(name).name.startswith(".")]
     assert (folder / "out" / "report.html").read_text(encoding="utf-8").lstrip().lower().startswith("<!doctype html>")
 
@@ -130,10 +131,12 @@ def test_expose_repeats_the_frames_of_the_budget(
     mantis: Mantis, folder: Path, tmp_path: Path, range_m: float, illumination: str
 ) -> None:
     name = f"range_{range_m:06.2f}m"
-    status, _, error = mantis(
-        "expose", folder / "out" / "transport" / f"{name}.exr", folder / "tiny.toml", "-o", tmp_path / "frame.png",
-        "--set", f"range_m={range_m}", "--set", f"illumination={illumination}",
-    )  # fmt: skip
+    basis, settings = (
+        folder / "out" / "transport" / f"{name}.exr",
+        (f"range_m={range_m}", f"illumination={illumination}"),
+    )
+    options = [part for setting in settings for part in ("--set", setting)]
+    status, _, error = mantis("expose", basis, folder / "tiny.toml", "-o", tmp_path / "frame.png", *options)
     assert (status, error) == (0, "")
     assert (tmp_path / "frame.png").read_bytes() == (
         folder / "out" / "frames" / f"{name}_{illumination}.png"
@@ -156,7 +159,7 @@ def test_rendered_and_analytic_figures_agree_on_the_tiny_plan(written: xr.Datase
 def test_progress_counts_up_to_all_cases(tiny: Scenario) -> None:
     seen: list[tuple[int, int]] = []
     one = tiny.at(budget={"ranges_m": (4.0,), "illuminations": ("eclipse",), "exposures_s": ("auto",), "trials": 2})
-    budget.run_budget(one, progress=lambda done, total, _: seen.append((done, total)), workers=1)
+    budget.run(one, FULL, progress=lambda done, total, _: seen.append((done, total)), workers=1)
     assert seen[-1] == (1, 1)
     assert all(done <= total == 1 for done, total in seen)
 
@@ -164,7 +167,7 @@ def test_progress_counts_up_to_all_cases(tiny: Scenario) -> None:
 def test_a_marker_beyond_the_nearest_frame_is_refused_before_rendering(tiny: Scenario, tmp_path: Path) -> None:
     plan = {"ranges_m": (0.05, 4.0), "illuminations": ("eclipse",), "exposures_s": ("auto",), "trials": 2}
     with pytest.raises(ValueError, match=r"none is at 0\.05 m; shorten camera\.focal_length_m"):
-        budget.run_budget(tiny.at(budget=plan), tmp_path / "out", workers=1)
+        budget.run(tiny.at(budget=plan), workers=1, out=tmp_path / "out")
     assert not list(tmp_path.iterdir())
 
 
@@ -193,7 +196,7 @@ def test_an_interrupt_leaves_whole_files_only(
 def test_a_quick_plan_is_part_of_the_whole_one(count: int, trials: int) -> None:
     ranges = tuple(float(r) for r in range(1, count + 1))
     whole = load_scenario().at(budget={"ranges_m": ranges, "trials": trials})
-    coarse = budget.quick(whole)
+    coarse = QUICK.thinned(whole)
     picked = coarse.budget.ranges_m
     assert set(picked) <= set(ranges)
     assert (picked[0], picked[-1]) == (ranges[0], ranges[-1])

@@ -43,11 +43,14 @@ def _dataset(sweep: Sweep) -> xr.Dataset:
         values = dict.fromkeys([*VARIABLES, *OF_CASES], 1e4 * scenario.leds.count / scenario.range_m**2)
         records.append(
             {
-                "values": values, "detected": [1, 1, 0], "attitude_error_deg": [0.1, 0.2, np.nan],
+                "values": values,
+                "detected": [1, 1, 0],
+                "attitude_error_deg": [0.1, 0.2, np.nan],
                 "range_error": [0.0, 1e-3, np.nan],
-                "pose_covariance": (np.eye(6) * (k + 1)).tolist(), "reason": "no marker found (1 of 3 frames)",
+                "pose_covariance": (np.eye(6) * (k + 1)).tolist(),
+                "reason": "no marker found (1 of 3 frames)",
             }
-        )  # fmt: skip
+        )
     return make_dataset(sweep, [*records, {"reason": "MemoryError: none left"}])
 
 

@@ -1,4 +1,4 @@
-"""The budget in a terminal: one table of the shown exposure and the verdict in words, readable at a hundred columns."""
+"""A budget in the terminal: a table of the shown exposure and the verdict in words, readable at a hundred columns."""
 
 from __future__ import annotations
 
@@ -15,28 +15,38 @@ from experiments.studies.budget.study import BudgetResult, shown_exposure
 from experiments.studies.budget.verdict import CaseVerdict, Summary, exposure_name, summarise
 
 _GOOD, _BAD = "blue", "bold red"
+_HEADINGS = (
+    "range\nm",
+    "exposure\n",
+    "S/full\nwell",
+    "SNR\nform | rend.",
+    "CNR\nform | rend.",
+    "px/\nbit",
+    "found\n%",
+    "attitude\n°",
+)
 
 
 def budget_table(result: BudgetResult) -> Table:
-    """Every range and illumination at the shown exposure; what fails is marked ✗ in words and colour."""
+    """Every range and illumination with the shown exposure; what fails is marked ✗ in words and colour."""
     shown = shown_exposure(result.scenario)
     label = str(result.dataset.exposure.values[shown])
     table = Table(
         title=Text(f"{result.scenario.title}, {exposure_name(label)}", style="bold"),
-        caption="SNR and CNR: closed form | rendered. Thesis: its formula as printed, at the same exposure.",
-        box=None, padding=(0, 1, 0, 0), pad_edge=False,
-    )  # fmt: skip
-    for heading in ("range\nm", "exposure\n", "S/full\nwell", "SNR\nform | rend.", "SNR\nthesis", "CNR\nform | rend.",
-                    "px/\nbit", "found\n%", "attitude\n°"):  # fmt: skip
+        caption="SNR and CNR: closed form | rendered.",
+        box=None,
+        padding=(0, 1, 0, 0),
+        pad_edge=False,
+    )
+    for heading in _HEADINGS:
         table.add_column(heading, justify="right", no_wrap=True)
     table.add_column("verdict\n", justify="left", min_width=11)
     for case in summarise(result.dataset, result.scenario).shown:
         table.add_section()
         table.add_row(Text(ILLUMINATION_NAMES[case.illumination], style="bold"))
+        here = result.dataset.sel(illumination=case.illumination).isel(exposure=shown)
         for range_m in case.ranges_m:
-            table.add_row(
-                *_cells(result.dataset.sel(illumination=case.illumination, range_m=range_m).isel(exposure=shown), case)
-            )
+            table.add_row(*_cells(here.sel(range_m=range_m), case))
     return table
 
 
@@ -47,8 +57,8 @@ def verdict_panel(summary: Summary) -> Panel:
         rows.append(Text(case.text))
         rows += [Padding(Text(failure), (0, 0, 0, 2)) for failure in case.failures]
     advice = Table.grid(padding=(0, 1))
-    for statement in summary.advice:
-        advice.add_row("→", Text(statement))
+    for sentence in summary.advice:
+        advice.add_row("→", Text(sentence))
     title = "✓ closes" if summary.closes else "✗ does not close"
     border = _GOOD if summary.closes else _BAD
     return Panel(Group(*rows, advice), title=title, title_align="left", border_style=border)
@@ -71,7 +81,6 @@ def _cells(here: xr.Dataset, case: CaseVerdict) -> list[Text]:
         Text(seconds_text(float(here.exposure_s))),
         cell(f"{float(here.full_well_fraction):.3g}", "saturation"),
         Text(pair("snr")),
-        Text(_small(float(here.snr_thesis))),
         cell(pair("cnr"), "cnr"),
         cell(f"{float(here.px_per_bit):.3g}", "sampling"),
         cell(f"{100 * float(here.detected_fraction):.0f}", "detection"),
@@ -82,7 +91,3 @@ def _cells(here: xr.Dataset, case: CaseVerdict) -> list[Text]:
 
 def _three(value: float) -> str:
     return f"{value:.3g}" if 1e-3 < value < 1e4 else number(value)
-
-
-def _small(value: float) -> str:
-    return "<0.01" if value < 0.01 else number(value)

@@ -1,4 +1,4 @@
-"""What `mantis validate` prints and writes as text: every cell, agreement by quantity, the drawn noise, and the cross-checks."""
+"""A validation in few numbers: how many cells agree, the worst differences, the drawn noise, and which cells are outside."""
 
 from __future__ import annotations
 
@@ -6,49 +6,10 @@ from collections.abc import Iterator
 
 import numpy as np
 import xarray as xr
-from rich.table import Table
 from scipy import stats
 
-from experiments.studies.validate.crosscheck import Agreement
-from experiments.studies.validate.study import (
-    COARSE_TOLERANCE,
-    CONFIDENCE,
-    DIMS,
-    FINE_PX_PER_BIT,
-    FINE_TOLERANCE,
-    QUANTITIES,
-)
-
-
-def tables(dataset: xr.Dataset, checks: list[Agreement], indirect: dict[str, float]) -> list[Table | str]:
-    """Tables and lines for the console."""
-    facts = summary(dataset)
-    by_quantity = Table(title="Largest difference, rendered against closed form")
-    by_quantity.add_column("Quantity")
-    by_quantity.add_column(f"≥ {FINE_PX_PER_BIT:g} px/bit (allowed {FINE_TOLERANCE:.0%})", justify="right")
-    by_quantity.add_column(f"below (allowed {COARSE_TOLERANCE:.0%})", justify="right")
-    for name in QUANTITIES:
-        by_quantity.add_row(name, *(f"{facts[f'{name}_worst_{side}']:.3%}" for side in ("fine", "coarse")))
-    crosschecks = Table(title="Cross-checks")
-    for heading in ("Quantity", "By", "Difference", "Uncertainty"):
-        crosschecks.add_column(heading, justify="right" if heading[0] in "DU" else "left")
-    for check in checks:
-        crosschecks.add_row(check.what, check.by, f"{check.difference:+.1e}", f"{check.uncertainty:.0e}")
-    for part, gain in indirect.items():
-        crosschecks.add_row(f"indirect light, {part}", "Mitsuba path, 4 against 2 segments", f"{gain:+.1e}", "")
-    cells = facts["validated"]
-    lines = [
-        f"{cells - facts['outside']:.0f} of {cells:.0f} cells agree ({facts['cells'] - cells:.0f} are not in the frame).",
-        f"What facets and sub-pixels do not explain: {facts['signal_unexplained']:.2%} of the signal, "
-        f"{facts['background_unexplained']:.2%} of the background at most.",
-    ]
-    if cells:
-        lines.append(
-            f"Noise: variance over {dataset.attrs['draws']} draws is {facts['noise_pooled_ratio']:.4f} ± "
-            f"{facts['noise_pooled_uncertainty']:.4f} times the closed form's; "
-            f"worst cell at {facts['noise_worst_sigma']:.1f} sigma, all held together at {CONFIDENCE:.1%}."
-        )
-    return [by_quantity, *lines, *list(outside(dataset))[:10], crosschecks]
+from experiments.studies.validate.cells import QUANTITIES
+from experiments.studies.validate.study import DIMS, FINE_PX_PER_BIT
 
 
 def cells_csv(dataset: xr.Dataset) -> str:

@@ -156,7 +156,7 @@ def test_a_run_that_ends_before_its_first_case_leaves_nothing_to_resume(tmp_path
         raise OSError("no scheduler answers")
 
     with pytest.raises(OSError, match="no scheduler"):
-        study.run_sweep(sweep, tmp_path / "out.nc", crew=no_workers)
+        study.run_sweep(sweep, tmp_path / "out.nc", executor=no_workers)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["sweep.toml"]
     killed = Journal(tmp_path / "out.nc.journal", "another sweep")
     killed.open(False)

@@ -17,7 +17,7 @@ class Died(Exception):
     pass
 
 
-class Crew:
+class Threads:
     """Two threads that stand for workers, which die of some items, and now and then of chance.
 
     As in a pool of processes, one that dies takes all others with it until `recover`; or, as in a cluster, it does not.
@@ -76,10 +76,12 @@ def test_nothing_is_lost_and_nothing_repeated(
 ) -> None:
     """Expected: every item comes back once; those that kill their worker, and no others, are given up."""
     numbers = iter(range(100))
-    strands = [[[next(numbers) for _ in range(size)] for size in strand] for strand in sizes]
+    groups = [[[next(numbers) for _ in range(size)] for size in group] for group in sizes]
     count = next(numbers)
-    with Crew(deadly, accidents, together) as crew:
-        results = list(dispatch(strands, lambda task: [(k, "done") for k in task], crew, lambda k: [(k, "given up")]))
+    with Threads(deadly, accidents, together) as executor:
+        results = list(
+            dispatch(groups, lambda task: [(k, "done") for k in task], executor, lambda k: [(k, "given up")])
+        )
     assert sorted(item for result in results for item in result) == [
         (k, "given up" if k in deadly else "done") for k in range(count)
     ]
@@ -87,34 +89,34 @@ def test_nothing_is_lost_and_nothing_repeated(
 
 def test_followers_wait_for_their_leader_and_few_tasks_are_handed_over() -> None:
     order: list[int] = []
-    strands = [[[10 * k], [10 * k + 1], [10 * k + 2]] for k in range(8)]
+    groups = [[[10 * k], [10 * k + 1], [10 * k + 2]] for k in range(8)]
 
     def work(task: list[int]) -> list[int]:
         order.extend(task)
         return task
 
-    with Crew(set(), [], True) as crew:
-        list(dispatch(strands, work, crew, lambda k: []))
-        assert crew.most <= AHEAD * 2
-    for leader, *followers in ([task[0] for task in strand] for strand in strands):
+    with Threads(set(), [], True) as executor:
+        list(dispatch(groups, work, executor, lambda k: []))
+        assert executor.most <= AHEAD * 2
+    for leader, *followers in ([task[0] for task in group] for group in groups):
         assert all(order.index(leader) < order.index(follower) for follower in followers)
 
 
 def test_workers_that_have_all_gone_end_the_dispatch() -> None:
-    class Gone(Crew):
+    class Gone(Threads):
         def submit(self, function, *arguments) -> Future:
             future: Future = Future()
             future.cancel()
             future.set_running_or_notify_cancel()
             return future
 
-    with Gone(set(), [], True) as crew, pytest.raises(RuntimeError, match="--resume"):
-        list(dispatch([[[1]]], lambda task: task, crew, lambda k: []))
+    with Gone(set(), [], True) as executor, pytest.raises(RuntimeError, match="--resume"):
+        list(dispatch([[[1]]], lambda task: task, executor, lambda k: []))
 
 
 def test_an_exception_of_the_function_ends_the_dispatch() -> None:
     def fail(task: list[int]) -> list[int]:
         raise KeyError("not a loss")
 
-    with Crew(set(), [], False) as crew, pytest.raises(KeyError):
-        list(dispatch([[[1]]], fail, crew, lambda k: []))
+    with Threads(set(), [], False) as executor, pytest.raises(KeyError):
+        list(dispatch([[[1]]], fail, executor, lambda k: []))
