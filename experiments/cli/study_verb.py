@@ -6,7 +6,8 @@ A study is a package with `plan.Plan` (and `plan.FULL`, `plan.QUICK`), `study.ru
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
@@ -52,8 +53,8 @@ class StudyVerb:
         package: of the study, say ``experiments.studies.glare``.
         help: of the verb: what it does, how long it takes, what it writes.
         source: the metavar of the argument that names the scenario; empty where the study has a scenario of its own.
-        load: dotted path of a function (overrides, seed) -> scenario for a study with a scenario of its own; empty for
-            `Options.scenario`.
+        load: dotted path of a function (overrides, seed) -> scenario for a study with a scenario of its own, or
+            (source, overrides, seed) where there is a `source`; empty for `Options.scenario`.
         fixed: why `--set` has nothing to change; empty where it has.
         quick: what `--quick` does; empty where there is no such option.
         renders: whether it needs the renderer.
@@ -82,7 +83,10 @@ def study_verb(study: StudyVerb) -> click.Command:
     def run(options: Options, source: str | None = None, **given: Any) -> None:
         _run(study, options, source, given)
 
-    run.__doc__ = f"{study.help}\n\nWrites report.html, {study.name}.md, data and figures into the folder --out (default out/{study.name})."
+    run.__doc__ = (
+        f"{study.help}\n\nWrites report.html, the same page in Markdown, data and figures into the folder --out "
+        f"(default out/{study.name})."
+    )
     command: Callable[..., Any] = run
     for option in reversed(_options(study)):
         command = option(command)
@@ -118,24 +122,39 @@ def _run(study: StudyVerb, options: Options, source: str | None, given: dict[str
     plan = replace(plans.QUICK if quick else plans.FULL, **changes)
     scenario = _scenario(study, options, source)
     out = options.out or Path("out") / study.name
-    ready_folder(out)
-    if study.renders:
-        announce_variant(options)
-    how = {"workers": workers} if study.workers else {}
-    result = with_progress(options, lambda tell: runs.run(scenario, plan, tell, **how))
-    page = import_module(f"{study.package}.page").page(result, _command(study, options, source, quick, changes))
-    page.write(out)
+    with _folder(out):
+        if study.renders:
+            announce_variant(options)
+        how = {"workers": workers} if study.workers else {}
+        result = with_progress(options, lambda tell: runs.run(scenario, plan, tell, **how))
+        page = import_module(f"{study.package}.page").page(result, _command(study, options, source, quick, changes))
+        page.write(out)
     options.say(*page.terminal(), f"Report and data: {out / 'report.html'}")
     options.emit({**page.record(), "out": out})
     if require and require in page.unmet:
         raise RequirementNotMet(page.unmet[require])
 
 
+@contextmanager
+def _folder(out: Path) -> Iterator[None]:
+    """Make the folder before anything is computed; where the work fails and wrote nothing, take it away again."""
+    there = out.exists()
+    ready_folder(out)
+    try:
+        yield
+    except BaseException:
+        if not there:
+            with suppress(OSError):  # it is not empty
+                out.rmdir()
+        raise
+
+
 def _scenario(study: StudyVerb, options: Options, source: str | None) -> Any:
     if not study.load:
         return options.scenario(source)
     module, _, function = study.load.rpartition(".")
-    return getattr(import_module(module), function)(options.overrides, options.seed)
+    named = (source,) if study.source else ()
+    return getattr(import_module(module), function)(*named, options.overrides, options.seed)
 
 
 def _command(study: StudyVerb, options: Options, source: str | None, quick: bool, changes: dict[str, Any]) -> str:
