@@ -7,29 +7,18 @@ from pathlib import Path
 import click
 
 from experiments.cli.options import Options, RequirementNotMet, announce_variant, shared_options, with_progress
+from experiments.cli.study_verb import StudyVerb, study_verb
 from experiments.cli.verbs import system
 
-
-@click.command()
-@shared_options
-def errata(options: Options) -> None:
-    """The thesis's link budget as printed, repaired slip by slip, and in full; --out FOLDER writes page, figures and data."""
-    from experiments.thesis.errata import page as errata_page
-    from experiments.thesis.errata import study
-
-    if options.overrides:
-        raise click.UsageError(
-            "errata: its settings are the thesis's, so --set has nothing to change; use mantis budget"
-        )
-    dataset = study.run(options.out)
-    options.say(*errata_page.tables(dataset))
-    if options.out is not None:
-        from experiments.reporting.files import write_text
-        from experiments.thesis.errata.report import html
-
-        write_text(html(dataset, "mantis errata"), options.out / "report.html")
-        options.say(f"Report: {options.out / 'report.html'}   Page: {options.out / 'thesis-errata.md'}")
-    options.emit(errata_page.facts(dataset))
+ERRATA = StudyVerb(
+    name="errata",
+    package="experiments.thesis.errata",
+    help="The thesis's link budget as printed, with its errors corrected one by one, and in full.",
+    source="",
+    load="experiments.thesis.errata.study.load",
+    fixed="its settings are the thesis's",
+    renders=False,
+)
 
 
 @click.command()
@@ -136,4 +125,4 @@ def virtual(
         raise RequirementNotMet(short[0])
 
 
-VERBS: tuple[click.Command, ...] = (errata, tradeoff, montecarlo, virtual, *system.VERBS)
+VERBS: tuple[click.Command, ...] = (study_verb(ERRATA), tradeoff, montecarlo, virtual, *system.VERBS)

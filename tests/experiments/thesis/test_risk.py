@@ -20,7 +20,7 @@ from experiments.thesis.risk import page, study
 from experiments.thesis.virtual import summary
 
 Mantis = Callable[..., tuple[int, str, str]]
-RESULTS = Path(__file__).parents[2] / "docs" / "data"
+RESULTS = Path(__file__).parents[3] / "docs" / "data"
 
 
 def write(folder: Path, name: str, rows: list[dict[str, object]]) -> Path:

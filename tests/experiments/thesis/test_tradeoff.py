@@ -164,5 +164,5 @@ def test_run_writes_dataset_figures_and_table_for_another_problem_too(tmp_path: 
 
 
 def test_committed_table_is_what_the_code_gives() -> None:
-    committed = Path(__file__).parents[2] / "docs" / "data" / "tradeoff-cells.csv"
+    committed = Path(__file__).parents[3] / "docs" / "data" / "tradeoff-cells.csv"
     assert committed.read_text(encoding="utf-8") == tradeoff.cells_csv(tradeoff.thesis_cells())
