@@ -30,8 +30,10 @@ from experiments.scenario.toml import toml_text
 from experiments.studies.budget import report as budget_report
 from experiments.studies.budget.report import MAX_PICTURED_RANGES, render_budget_report
 from experiments.thesis.errata import section as errata_section
-from experiments.thesis.tradeoff import report as tradeoff_report
-from experiments.thesis.tradeoff import study as tradeoff
+from experiments.thesis.tradeoff import figures as tradeoff_figures
+from experiments.thesis.tradeoff.page import page as tradeoff_page
+from experiments.thesis.tradeoff.problem import load as load_problem
+from experiments.thesis.tradeoff.study import run as run_tradeoff
 
 HOSTILE = """</title><script>alert('1')</script><img src=x onerror=alert(2)> & "quoted" ]]>"""
 VOID = {"meta", "br", "image", "img", "link", "input"}
@@ -250,14 +252,13 @@ def test_budget_has_the_four_parts_in_order(html):
     check_report(html)
 
 
-def test_tradeoff_has_the_four_parts_in_order(tmp_path):
-    problem = tradeoff.THESIS_PROBLEM.read_text(encoding="utf-8")
-    check_report(tradeoff_report.html(tradeoff.run(tmp_path), problem, tradeoff.thesis_cells(), "mantis tradeoff"))
+def test_tradeoff_has_the_four_parts_in_order():
+    check_report(tradeoff_page(run_tradeoff(load_problem()), "mantis tradeoff").html())
 
 
-def test_every_axis_has_quantity_and_unit(drawn, tmp_path):
-    trade = tradeoff.run(tmp_path)
-    plots = [*drawn[1], tradeoff.score_figure(trade), tradeoff.weight_figure(trade)]
+def test_every_axis_has_quantity_and_unit(drawn):
+    trade = run_tradeoff(load_problem()).dataset
+    plots = [*drawn[1], tradeoff_figures.score_figure(trade), tradeoff_figures.weight_figure(trade)]
     assert len(plots) > 15
     for axes in (axes for plot in plots for axes in plot.axes):
         for axis in (axes.xaxis, axes.yaxis):

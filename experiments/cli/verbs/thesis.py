@@ -21,36 +21,15 @@ ERRATA = StudyVerb(
 )
 
 
-@click.command()
-@click.argument("problem", metavar="[PROBLEM.toml]", required=False, type=click.Path(path_type=Path))
-@shared_options
-def tradeoff(options: Options, problem: Path | None) -> None:
-    """Analytic hierarchy process: the thesis's chapter 4 cell by cell, or the decision problem of a TOML file.
-
-    Writes scores, sensitivities and figures into the folder --out (default out/tradeoff).
-    """
-    from experiments.reporting.files import write_text
-    from experiments.reporting.terminal import plain_table
-    from experiments.thesis.tradeoff import report, study
-
-    out = options.out or Path("out/tradeoff")
-    result = study.run(out, problem)
-    cells = study.thesis_cells() if problem is None else []
-    text = (problem or study.THESIS_PROBLEM).read_text(encoding="utf-8")
-    command = f"mantis tradeoff {problem}" if problem else "mantis tradeoff"
-    write_text(report.html(result, text, cells, command), out / "report.html")
-    rows = {"Scores": study.summary_rows(result)}
-    if problem is None:
-        rows["The thesis's printed cells, by verdict"] = study.verdict_rows(cells)
-    options.say(
-        *(plain_table(title, *lines) for title, lines in rows.items()), f"Report and data: {out / 'report.html'}"
-    )
-    options.emit(
-        {
-            "out": out,
-            **{title: [dict(zip(lines[0], r, strict=False)) for r in lines[1:]] for title, lines in rows.items()},
-        }
-    )
+TRADEOFF = StudyVerb(
+    name="tradeoff",
+    package="experiments.thesis.tradeoff",
+    help="Analytic hierarchy process: the thesis's chapter 4 cell by cell, or the decision problem of a TOML file.",
+    source="PROBLEM.toml",
+    load="experiments.thesis.tradeoff.problem.load",
+    fixed="a decision problem is as its file says",
+    renders=False,
+)
 
 
 @click.command()
@@ -125,4 +104,4 @@ def virtual(
         raise RequirementNotMet(short[0])
 
 
-VERBS: tuple[click.Command, ...] = (study_verb(ERRATA), tradeoff, montecarlo, virtual, *system.VERBS)
+VERBS: tuple[click.Command, ...] = (study_verb(ERRATA), study_verb(TRADEOFF), montecarlo, virtual, *system.VERBS)

@@ -53,7 +53,9 @@ def test_a_page_writes_its_files_and_marks_what_differs(tmp_path: Path) -> None:
 
     def page(data: xr.Dataset | xr.DataTree) -> Page:
         said = "One of two agrees."
-        return Page("probe", "A <title>", said, False, "mantis probe", sections, ("So it is.",), limits=("none",), data=data)
+        return Page(
+            "probe", "A <title>", said, False, "mantis probe", sections, ("So it is.",), limits=("none",), data=data
+        )
 
     page(xr.Dataset({"value": ("x", np.arange(3.0))})).write(tmp_path)
     html = (tmp_path / "report.html").read_text(encoding="utf-8")
