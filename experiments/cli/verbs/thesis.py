@@ -32,29 +32,18 @@ TRADEOFF = StudyVerb(
 )
 
 
-@click.command()
-@click.option("--quick", is_flag=True, help="A fiftieth of the scenes, at four ranges.")
-@shared_options
-def montecarlo(options: Options, quick: bool) -> None:
-    """Pose from points over random scenes: the thesis's Monte Carlo as listed and as meant, solver by solver.
-
-    Takes some ten minutes in full. Writes tables, figures and montecarlo.nc into the folder --out (default out/montecarlo).
-    """
-    from experiments.reporting.files import write_text
-    from experiments.reporting.terminal import plain_table
-    from experiments.thesis.montecarlo import report, study
-    from experiments.thesis.montecarlo.figures import summary_rows
-
-    out, seed = options.out or Path("out/montecarlo"), 1 if options.seed is None else options.seed
-    tree = study.run(out, seed, quick)
-    parts = {name: node.to_dataset() for name, node in tree.children.items()}
-    command = " ".join(
-        ["mantis montecarlo", *(["--quick"] if quick else []), *([f"--seed {seed}"] if seed != 1 else [])]
-    )
-    write_text(report.html(parts, seed, command), out / "report.html")
-    header, *rows = summary_rows(parts)
-    options.say(plain_table("Outliers of pose from points", header, *rows), f"Report and data: {out / 'report.html'}")
-    options.emit({"out": out, "outliers": [dict(zip(header, row, strict=True)) for row in rows]})
+MONTECARLO = StudyVerb(
+    name="montecarlo",
+    package="experiments.thesis.montecarlo",
+    help=(
+        "Pose from points over random scenes: the thesis's Monte Carlo as listed and as meant, solver by solver.\n\n"
+        "Takes some ten minutes in full."
+    ),
+    source="",
+    load="experiments.thesis.montecarlo.study.load",
+    quick="A fiftieth of the scenes, at four ranges.",
+    renders=False,
+)
 
 
 @click.command()
@@ -104,4 +93,10 @@ def virtual(
         raise RequirementNotMet(short[0])
 
 
-VERBS: tuple[click.Command, ...] = (study_verb(ERRATA), study_verb(TRADEOFF), montecarlo, virtual, *system.VERBS)
+VERBS: tuple[click.Command, ...] = (
+    study_verb(ERRATA),
+    study_verb(TRADEOFF),
+    study_verb(MONTECARLO),
+    virtual,
+    *system.VERBS,
+)
