@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from experiments.cli.options import Options, RequirementNotMet, announce_variant, shared_options, with_progress
+from experiments.cli.study_verb import PlanOption, StudyVerb, study_verb
 
 
 def _command(verb: str, options: Options, scenario: str | None, *flags: str | None) -> str:
@@ -77,32 +78,17 @@ def fov(options: Options, scenario: str | None, quick: bool) -> None:
     _tell(options, result, out, "cone")
 
 
-@click.command()
-@click.argument("scenario", required=False)
-@click.option("--quick", is_flag=True, help="Four ranges instead of twenty.")
-@click.option("--limit-w", type=float, help="Mean power that may be drawn [W]; default the thesis's 5.")
-@click.option("--camera-w", type=float, help="What the camera draws [W]; default 2.5, an assumption.")
-@shared_options
-def power(options: Options, scenario: str | None, quick: bool, limit_w: float | None, camera_w: float | None) -> None:
-    """Frames a second within a power limit (equation 6.10), duty, tumble between frames, and what the LEDs stand.
-
-    Writes report.html, power.nc, data and figures into the folder --out (default out/power).
-    """
-    from pydantic import ValidationError
-
-    from experiments.scenario.errors import explain
-    from experiments.thesis.power import study
-    from radiometry.power import PowerPlan
-
-    given = {key: value for key, value in (("limit_w", limit_w), ("camera_w", camera_w)) if value is not None}
-    try:
-        plan = PowerPlan.model_validate(given)
-    except ValidationError as error:
-        raise ValueError(explain(error, PowerPlan)) from None
-    chosen, out = options.scenario(scenario), options.out or Path("out/power")
-    flags = [f"--{key.replace('_', '-')} {value:g}" for key, value in given.items()]
-    command = _command("power", options, scenario, "--quick" if quick else None, *flags)
-    _tell(options, study.study(chosen, plan, out, command, quick), out, "thesis")
+POWER = StudyVerb(
+    name="power",
+    package="experiments.thesis.power",
+    help="Frames a second within a power limit (equation 6.10), duty, tumble between frames, and what the LEDs stand.",
+    quick="Four ranges instead of twenty.",
+    renders=False,
+    plan=(
+        PlanOption("--limit-w", "limit_w", float, "Mean power that may be drawn [W]; default the thesis's 5."),
+        PlanOption("--camera-w", "camera_w", float, "What the camera draws [W]; default 2.5, an assumption."),
+    ),
+)
 
 
 @click.command()
@@ -205,4 +191,4 @@ def risk(options: Options, results: tuple[Path, ...]) -> None:
     _tell(options, result, out, "places")
 
 
-VERBS: tuple[click.Command, ...] = (layout, fov, power, requirements, comparison, physical, risk)
+VERBS: tuple[click.Command, ...] = (layout, fov, study_verb(POWER), requirements, comparison, physical, risk)
