@@ -91,31 +91,24 @@ POWER = StudyVerb(
 )
 
 
-@click.command()
-@click.option(
-    "--results",
-    type=click.Path(path_type=Path),
-    default=Path("docs/data"),
-    show_default=True,
-    help="Folder with the tables of the other studies; what is not there is not verifiable.",
+REQUIREMENTS = StudyVerb(
+    name="requirements",
+    package="experiments.thesis.requirements",
+    help=(
+        "SYS-REQ-1 to 14 and STA-REQ-1 to 9, verified from this project's own results, beside the thesis's tables 8.4 and 8.5."
+    ),
+    source="",
+    renders=False,
+    require={"met": "every system requirement is met or cannot be verified here"},
+    plan=(
+        PlanOption(
+            "--results",
+            "results",
+            click.Path(path_type=Path),
+            "Folder with the tables of the other studies; what is not there is not verifiable. Default docs/data.",
+        ),
+    ),
 )
-@click.option("--require", type=click.Choice(["met"]), help="Exit status 4 where a requirement is not met.")
-@shared_options
-def requirements(options: Options, results: Path, require: str | None) -> None:
-    """SYS-REQ-1 to 14 and STA-REQ-1 to 9, verified from this project's own results, beside the thesis's tables 8.4 and 8.5.
-
-    Writes report.html, requirements.nc, data and figures into the folder --out (default out/requirements).
-    """
-    from experiments.thesis.requirements import study
-
-    if not results.is_dir():
-        raise click.UsageError(f"--results {results}: no such folder; expected one with tables, as docs/data")
-    out = options.out or Path("out/requirements")
-    command = _command("requirements", options, None, None if results == Path("docs/data") else f"--results {results}")
-    page = study.study(options.scenario(None), results, out, command)
-    _tell(options, page, out, "requirements")
-    if require and not page.passed:
-        raise RequirementNotMet(page.headline)
 
 
 @click.command()
@@ -163,32 +156,35 @@ def physical(options: Options, quick: bool, workers: int | None, require: str | 
         raise RequirementNotMet(result.headline)
 
 
-@click.command()
-@click.option(
-    "--results",
-    type=click.Path(path_type=Path),
-    multiple=True,
-    default=(Path("docs/data"),),
-    show_default=True,
-    help="Folder with a study's tables, or a study's own folder; may be given many times, the first that has a table counts.",
+RISK = StudyVerb(
+    name="risk",
+    package="experiments.thesis.risk",
+    help=(
+        "Failure modes of section 8.3: their rates over the other studies' frames, and their places in the risk matrix.\n\n"
+        "Before is the thesis's pipeline, after this project's."
+    ),
+    source="",
+    fixed="it reads the results of other studies",
+    renders=False,
+    plan=(
+        PlanOption(
+            "--results",
+            "results",
+            click.Path(path_type=Path),
+            "Folder with a study's tables, or a study's own folder; may be given many times, the first that has a table "
+            "counts. Default docs/data.",
+            multiple=True,
+        ),
+    ),
 )
-@shared_options
-def risk(options: Options, results: tuple[Path, ...]) -> None:
-    """Failure modes of section 8.3: their rates over the other studies' frames, and their places in the risk matrix.
-
-    Before is the thesis's pipeline, after this project's. Writes report.html, risk.md, risk.nc, data and figures into the folder
-    --out (default out/risk).
-    """
-    from experiments.thesis.risk import page
-
-    if options.overrides:
-        raise click.UsageError(
-            "risk: it reads results, so --set has nothing to change; give it to the studies that make them"
-        )
-    out = options.out or Path("out/risk")
-    flags = () if results == (Path("docs/data"),) else tuple(f"--results {folder}" for folder in results)
-    result = page.study(results, out, _command("risk", options, None, *flags))
-    _tell(options, result, out, "places")
 
 
-VERBS: tuple[click.Command, ...] = (layout, fov, study_verb(POWER), requirements, comparison, physical, risk)
+VERBS: tuple[click.Command, ...] = (
+    layout,
+    fov,
+    study_verb(POWER),
+    study_verb(REQUIREMENTS),
+    comparison,
+    physical,
+    study_verb(RISK),
+)
