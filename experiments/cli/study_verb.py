@@ -9,7 +9,8 @@ raises a ValueError for what is no condition, and `requirement.unmet(condition, 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
@@ -55,8 +56,8 @@ class StudyVerb:
         package: of the study, say ``experiments.studies.glare``.
         help: of the verb: what it does, how long it takes, what it writes.
         source: the metavar of the argument that names the scenario; empty where the study has a scenario of its own.
-        load: dotted path of a function (overrides, seed) -> scenario for a study with a scenario of its own; empty for
-            `Options.scenario`.
+        load: dotted path of a function (overrides, seed) -> scenario for a study with a scenario of its own, or
+            (source, overrides, seed) where there is a `source`; empty for `Options.scenario`.
         fixed: why `--set` has nothing to change; empty where it has.
         quick: what `--quick` does; empty where there is no such option.
         renders: whether it needs the renderer.
@@ -140,13 +141,13 @@ def _run(study: StudyVerb, options: Options, source: str | None, given: dict[str
     requirement = import_module(f"{study.package}.requirement") if study.condition and require else None
     condition = requirement.parse(require, scenario) if requirement else None
     out = options.out or Path("out") / study.name
-    ready_folder(out)
-    if study.renders:
-        announce_variant(options)
-    how = {**({"workers": workers} if study.workers else {}), **({"out": out} if study.writes else {})}
-    result = with_progress(options, lambda tell: runs.run(scenario, plan, tell, **how))
-    page = import_module(f"{study.package}.page").page(result, _command(study, options, source, quick, changes))
-    page.write(out)
+    with _folder(out):
+        if study.renders:
+            announce_variant(options)
+        how = {**({"workers": workers} if study.workers else {}), **({"out": out} if study.writes else {})}
+        result = with_progress(options, lambda tell: runs.run(scenario, plan, tell, **how))
+        page = import_module(f"{study.package}.page").page(result, _command(study, options, source, quick, changes))
+        page.write(out)
     options.say(*page.terminal(), f"Report and data: {out / 'report.html'}")
     options.emit({**page.record(), "out": out})
     short = requirement.unmet(condition, result) if requirement else page.unmet.get(require or "", "")
@@ -154,11 +155,26 @@ def _run(study: StudyVerb, options: Options, source: str | None, given: dict[str
         raise RequirementNotMet(short)
 
 
+@contextmanager
+def _folder(out: Path) -> Iterator[None]:
+    """Make the folder before anything is computed; where the work fails and wrote nothing, take it away again."""
+    there = out.exists()
+    ready_folder(out)
+    try:
+        yield
+    except BaseException:
+        if not there:
+            with suppress(OSError):  # it is not empty
+                out.rmdir()
+        raise
+
+
 def _scenario(study: StudyVerb, options: Options, source: str | None) -> Any:
     if not study.load:
         return options.scenario(source)
     module, _, function = study.load.rpartition(".")
-    return getattr(import_module(module), function)(options.overrides, options.seed)
+    named = (source,) if study.source else ()
+    return getattr(import_module(module), function)(*named, options.overrides, options.seed)
 
 
 def _command(study: StudyVerb, options: Options, source: str | None, quick: bool, changes: dict[str, Any]) -> str:

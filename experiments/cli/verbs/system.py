@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from experiments.cli.options import Options, RequirementNotMet, announce_variant, shared_options, with_progress
+from experiments.cli.study_verb import PlanOption, StudyVerb, study_verb
 
 
 def _command(verb: str, options: Options, scenario: str | None, *flags: str | None) -> str:
@@ -77,59 +78,37 @@ def fov(options: Options, scenario: str | None, quick: bool) -> None:
     _tell(options, result, out, "cone")
 
 
-@click.command()
-@click.argument("scenario", required=False)
-@click.option("--quick", is_flag=True, help="Four ranges instead of twenty.")
-@click.option("--limit-w", type=float, help="Mean power that may be drawn [W]; default the thesis's 5.")
-@click.option("--camera-w", type=float, help="What the camera draws [W]; default 2.5, an assumption.")
-@shared_options
-def power(options: Options, scenario: str | None, quick: bool, limit_w: float | None, camera_w: float | None) -> None:
-    """Frames a second within a power limit (equation 6.10), duty, tumble between frames, and what the LEDs stand.
-
-    Writes report.html, power.nc, data and figures into the folder --out (default out/power).
-    """
-    from pydantic import ValidationError
-
-    from experiments.scenario.errors import explain
-    from experiments.thesis.power import study
-    from radiometry.power import PowerPlan
-
-    given = {key: value for key, value in (("limit_w", limit_w), ("camera_w", camera_w)) if value is not None}
-    try:
-        plan = PowerPlan.model_validate(given)
-    except ValidationError as error:
-        raise ValueError(explain(error, PowerPlan)) from None
-    chosen, out = options.scenario(scenario), options.out or Path("out/power")
-    flags = [f"--{key.replace('_', '-')} {value:g}" for key, value in given.items()]
-    command = _command("power", options, scenario, "--quick" if quick else None, *flags)
-    _tell(options, study.study(chosen, plan, out, command, quick), out, "thesis")
-
-
-@click.command()
-@click.option(
-    "--results",
-    type=click.Path(path_type=Path),
-    default=Path("docs/data"),
-    show_default=True,
-    help="Folder with the tables of the other studies; what is not there is not verifiable.",
+POWER = StudyVerb(
+    name="power",
+    package="experiments.thesis.power",
+    help="Frames a second within a power limit (equation 6.10), duty, tumble between frames, and what the LEDs stand.",
+    quick="Four ranges instead of twenty.",
+    renders=False,
+    plan=(
+        PlanOption("--limit-w", "limit_w", float, "Mean power that may be drawn [W]; default the thesis's 5."),
+        PlanOption("--camera-w", "camera_w", float, "What the camera draws [W]; default 2.5, an assumption."),
+    ),
 )
-@click.option("--require", type=click.Choice(["met"]), help="Exit status 4 where a requirement is not met.")
-@shared_options
-def requirements(options: Options, results: Path, require: str | None) -> None:
-    """SYS-REQ-1 to 14 and STA-REQ-1 to 9, verified from this project's own results, beside the thesis's tables 8.4 and 8.5.
 
-    Writes report.html, requirements.nc, data and figures into the folder --out (default out/requirements).
-    """
-    from experiments.thesis.requirements import study
 
-    if not results.is_dir():
-        raise click.UsageError(f"--results {results}: no such folder; expected one with tables, as docs/data")
-    out = options.out or Path("out/requirements")
-    command = _command("requirements", options, None, None if results == Path("docs/data") else f"--results {results}")
-    page = study.study(options.scenario(None), results, out, command)
-    _tell(options, page, out, "requirements")
-    if require and not page.passed:
-        raise RequirementNotMet(page.headline)
+REQUIREMENTS = StudyVerb(
+    name="requirements",
+    package="experiments.thesis.requirements",
+    help=(
+        "SYS-REQ-1 to 14 and STA-REQ-1 to 9, verified from this project's own results, beside the thesis's tables 8.4 and 8.5."
+    ),
+    source="",
+    renders=False,
+    require={"met": "every system requirement is met or cannot be verified here"},
+    plan=(
+        PlanOption(
+            "--results",
+            "results",
+            click.Path(path_type=Path),
+            "Folder with the tables of the other studies; what is not there is not verifiable. Default docs/data.",
+        ),
+    ),
+)
 
 
 @click.command()
@@ -177,32 +156,35 @@ def physical(options: Options, quick: bool, workers: int | None, require: str | 
         raise RequirementNotMet(result.headline)
 
 
-@click.command()
-@click.option(
-    "--results",
-    type=click.Path(path_type=Path),
-    multiple=True,
-    default=(Path("docs/data"),),
-    show_default=True,
-    help="Folder with a study's tables, or a study's own folder; may be given many times, the first that has a table counts.",
+RISK = StudyVerb(
+    name="risk",
+    package="experiments.thesis.risk",
+    help=(
+        "Failure modes of section 8.3: their rates over the other studies' frames, and their places in the risk matrix.\n\n"
+        "Before is the thesis's pipeline, after this project's."
+    ),
+    source="",
+    fixed="it reads the results of other studies",
+    renders=False,
+    plan=(
+        PlanOption(
+            "--results",
+            "results",
+            click.Path(path_type=Path),
+            "Folder with a study's tables, or a study's own folder; may be given many times, the first that has a table "
+            "counts. Default docs/data.",
+            multiple=True,
+        ),
+    ),
 )
-@shared_options
-def risk(options: Options, results: tuple[Path, ...]) -> None:
-    """Failure modes of section 8.3: their rates over the other studies' frames, and their places in the risk matrix.
-
-    Before is the thesis's pipeline, after this project's. Writes report.html, risk.md, risk.nc, data and figures into the folder
-    --out (default out/risk).
-    """
-    from experiments.thesis.risk import page
-
-    if options.overrides:
-        raise click.UsageError(
-            "risk: it reads results, so --set has nothing to change; give it to the studies that make them"
-        )
-    out = options.out or Path("out/risk")
-    flags = () if results == (Path("docs/data"),) else tuple(f"--results {folder}" for folder in results)
-    result = page.study(results, out, _command("risk", options, None, *flags))
-    _tell(options, result, out, "places")
 
 
-VERBS: tuple[click.Command, ...] = (layout, fov, power, requirements, comparison, physical, risk)
+VERBS: tuple[click.Command, ...] = (
+    layout,
+    fov,
+    study_verb(POWER),
+    study_verb(REQUIREMENTS),
+    comparison,
+    physical,
+    study_verb(RISK),
+)

@@ -15,7 +15,7 @@ from experiments.thesis.requirements.catalogue import PRINTED, catalogue
 from experiments.thesis.requirements.checks import CHECKS, Finding
 from experiments.thesis.requirements.evidence import MAKERS, Evidence, Missing
 
-RESULTS = Path(__file__).parents[2] / "docs" / "data"
+RESULTS = Path(__file__).parents[3] / "docs" / "data"
 
 
 @pytest.fixture(scope="module")

@@ -1,5 +1,6 @@
 """The errata study: three models side by side, and a page that says what they give."""
 
+import json
 import re
 from pathlib import Path
 
@@ -8,17 +9,24 @@ import pytest
 import xarray as xr
 
 from experiments.cli.main import main
-from experiments.thesis.errata import page as errata_page
-from experiments.thesis.errata import study as errata
+from experiments.thesis.errata.facts import facts
+from experiments.thesis.errata.page import page
+from experiments.thesis.errata.study import ErrataResult, load, run
+from experiments.thesis.errata.tables import digits
 from radiometry.thesis import PrintedModel
 
-DOCS = Path(__file__).parents[2] / "docs"
+DOCS = Path(__file__).parents[3] / "docs"
 _NUMBER = re.compile(r"(?<![\w.])\d+(?:[.,\N{NO-BREAK SPACE}]\d+)*(?:×10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)?")
 
 
 @pytest.fixture(scope="module")
-def dataset() -> xr.Dataset:
-    return errata.compute()
+def result() -> ErrataResult:
+    return run(load())
+
+
+@pytest.fixture(scope="module")
+def dataset(result: ErrataResult) -> xr.Dataset:
+    return result.dataset
 
 
 def _value(text: str) -> float:
@@ -28,14 +36,14 @@ def _value(text: str) -> float:
 
 def test_numbers_are_read_as_they_are_written() -> None:
     for value in (0.000_5, 0.457, 2.423, 91.53, 795.24, 17_468.0, 3.4738e6, 2.0348e10, 2e-5):
-        text = errata_page.digits(value)
+        text = digits(value)
         assert _NUMBER.fullmatch(text)
         assert _value(text) == pytest.approx(value, rel=5.1e-3)
 
 
-def test_committed_page_says_what_the_models_give(dataset: xr.Dataset) -> None:
+def test_committed_page_says_what_the_models_give(result: ErrataResult) -> None:
     """Words must be the same; numbers may differ by a unit of their third digit, for platforms round differently."""
-    committed, made = (DOCS / "thesis-errata.md").read_text(encoding="utf-8"), errata_page.page(dataset)
+    committed, made = (DOCS / "thesis-errata.md").read_text(encoding="utf-8"), page(result, "mantis errata").markdown()
     assert _NUMBER.sub("#", committed).split() == _NUMBER.sub("#", made).split()
     pairs = list(zip(_NUMBER.findall(committed), _NUMBER.findall(made), strict=True))
     assert len(pairs) > 400
@@ -58,12 +66,12 @@ def test_last_step_and_full_model_are_the_same_physics(dataset: xr.Dataset) -> N
     assert float(np.abs(last.snr_factor - 1).max()) < 0.01
 
 
-def test_waterfall_factors_join_the_three_models(dataset: xr.Dataset) -> None:
-    repaired_at = list(dataset.step.values).index("noise added linearly")
-    for illumination, exposure in errata.WATERFALL_EXPOSURE.items():
+def test_factors_of_the_steps_join_the_three_models(result: ErrataResult, dataset: xr.Dataset) -> None:
+    corrected_at = list(dataset.step.values).index("noise added linearly")
+    for illumination, exposure in result.plan.step_exposure.items():
         case = dataset.sel(illumination=illumination, exposure=exposure)
         product = case.signal_factor.cumprod("step")
-        for step, model in ((repaired_at, "repaired"), (-1, "full")):
+        for step, model in ((corrected_at, "corrected"), (-1, "full")):
             expected = case.signal.sel(model=model) / case.signal.sel(model="printed")
             assert product.isel(step=step).values == pytest.approx(expected.values, rel=1e-9)
 
@@ -76,36 +84,48 @@ def test_printed_model_fails_where_the_thesis_says(dataset: xr.Dataset) -> None:
     )
 
 
-def test_verdicts_of_the_page_hold(dataset: xr.Dataset) -> None:
-    facts = errata_page.facts(dataset)
+def test_verdicts_of_the_page_hold(result: ErrataResult, dataset: xr.Dataset) -> None:
+    found = facts(result)
     full = dataset.sel(model="full")
-    thesis_exposures = [e for e in errata.EXPOSURES if e != "auto"]
+    thesis_exposures = [e for e in result.plan.exposures if e != "auto"]
     assert (full.full_well_fraction.sel(illumination=["eclipse", "sunlit"], exposure=thesis_exposures) > 1).all()
     assert (full.snr.sel(illumination="eclipse") > 10).all()
-    assert facts["eclipse"]["repaired_over_printed_8m"] == pytest.approx(3.47e6, rel=0.005)
-    assert facts["sun"]["repaired_alone_over_printed_8m"] == pytest.approx(2.25, abs=0.005)
-    assert facts["sampling"]["px_per_bit_20m"] == pytest.approx(0.005 * 20.19e-3 / 8.6e-6 / 20)
-    assert facts["sampling"]["ends_m"] < 6 < 11 < facts["sampling"]["ends_10mm_m"] < 12
-    assert "16.8 times too much" in facts["beam"]["refusal"]
+    assert found.eclipse.corrected_over_printed_8m == pytest.approx(3.47e6, rel=0.005)
+    assert found.sun.corrected_alone_over_printed_8m == pytest.approx(2.25, abs=0.005)
+    assert found.sampling.px_per_bit_20m == pytest.approx(0.005 * 20.19e-3 / 8.6e-6 / 20)
+    assert found.sampling.ends_m < 6 < 11 < found.sampling.ends_10mm_m < 12
+    assert "16.8 times too much" in found.beam.refusal
 
 
-def test_auto_exposure_half_fills_the_well_or_stands_at_its_limit(dataset: xr.Dataset) -> None:
+def test_auto_exposure_half_fills_the_well_or_stands_at_its_limit(result: ErrataResult, dataset: xr.Dataset) -> None:
     auto = dataset.sel(exposure="auto")
-    limits = errata.thesis_scenario(16.0).auto_exposure
+    limits = result.scenario.auto_exposure
     at_limit = np.isclose(auto.exposure_s, limits.shortest_s) | np.isclose(auto.exposure_s, limits.longest_s)
     assert np.all(at_limit | np.isclose(auto.full_well_fraction, limits.full_well_fraction))
 
 
-def test_run_writes_page_figures_and_data(dataset: xr.Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_page_writes_its_figures_and_data(result: ErrataResult, dataset: xr.Dataset, tmp_path: Path) -> None:
     pytest.importorskip("h5py")
-    monkeypatch.setattr(errata, "compute", lambda: dataset)
-    errata.run(tmp_path)
-    assert len(list((tmp_path / "figures").glob("errata_*.svg"))) == 5
-    with xr.open_dataset(tmp_path / "data" / "errata.nc", engine="h5netcdf") as stored:
+    page(result, "mantis errata").write(tmp_path)
+    assert len(list((tmp_path / "figures").glob("thesis-errata-*.svg"))) == 5
+    with xr.open_dataset(tmp_path / "thesis-errata.nc", engine="h5netcdf") as stored:
         xr.testing.assert_allclose(stored.signal.drop_attrs(), dataset.signal.drop_attrs())
-    rows = (tmp_path / "data" / "errata.csv").read_text(encoding="utf-8").splitlines()
+    rows = (tmp_path / "data" / "thesis-errata.csv").read_text(encoding="utf-8").splitlines()
     assert len(rows) == 1 + dataset.sizes["step"] * dataset.sizes["illumination"] * 3
-    assert (tmp_path / "thesis-errata.md").read_text(encoding="utf-8") == errata_page.page(dataset)
+    assert (tmp_path / "thesis-errata.md").read_text(encoding="utf-8") == page(result, "mantis errata").markdown()
+
+
+def test_page_cites_the_thesis(result: ErrataResult) -> None:
+    text = page(result, "mantis errata").html()
+    for word in ("Rijlaarsdam", "Designing a Novel Fiducial Marker System", "Delft University of Technology", "2021"):
+        assert word in text
+
+
+def test_json_has_every_number_by_topic(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    assert main(["errata", "--json", "--out", str(tmp_path / "out")]) == 0
+    record = json.loads(capsys.readouterr().out)
+    assert record["sampling"]["px_per_bit_20m"] == pytest.approx(0.587, abs=5e-4)
+    assert record["eclipse"]["printed_snr_8m"] == pytest.approx(2.42, abs=5e-3)
 
 
 def test_verb_refuses_settings_other_than_the_thesis_has(capsys: pytest.CaptureFixture[str]) -> None:

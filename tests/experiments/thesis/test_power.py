@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,14 +11,21 @@ import pytest
 import xarray as xr
 
 from experiments.scenario import load_scenario
-from experiments.thesis.power import study
 from experiments.thesis.power.emitters import BOARD_C, emitters
+from experiments.thesis.power.plan import QUICK
+from experiments.thesis.power.study import PowerResult, run
+from experiments.thesis.power.tables import claims
 from radiometry.power import PowerPlan
 
 
 @pytest.fixture(scope="module")
-def dataset() -> xr.Dataset:
-    return study.run(load_scenario(), PowerPlan(), quick=True)
+def result() -> PowerResult:
+    return run(load_scenario(), QUICK)
+
+
+@pytest.fixture(scope="module")
+def dataset(result: PowerResult) -> xr.Dataset:
+    return result.dataset
 
 
 def test_a_frames_energy_does_not_depend_on_how_many_leds_share_it(dataset: xr.Dataset) -> None:
@@ -37,8 +45,8 @@ def test_rates_are_ordered_and_power_is_kept(dataset: xr.Dataset) -> None:
     assert dataset.turn_deg.values == pytest.approx(5.0 / dataset.rate.values)
 
 
-def test_the_thesiss_rate_is_reproduced_and_superseded(dataset: xr.Dataset) -> None:
-    said = study.statements(dataset, load_scenario(), PowerPlan())
+def test_the_thesiss_rate_is_reproduced_and_superseded(result: PowerResult) -> None:
+    said = claims(result)
     first, needed = said[0], said[1]
     assert first.agrees
     assert first.reproduced == pytest.approx(1.190, abs=5e-4)
@@ -47,8 +55,8 @@ def test_the_thesiss_rate_is_reproduced_and_superseded(dataset: xr.Dataset) -> N
 
 
 def test_a_tight_limit_binds_before_the_readout() -> None:
-    plan = PowerPlan(limit_w=2.5001, camera_w=2.5, frame_rate_max=1e6, latency_s=0.0)
-    rates = study.run(load_scenario(), plan, quick=True)
+    plan = replace(QUICK, limit_w=2.5001, camera_w=2.5, frame_rate_max=1e6, latency_s=0.0)
+    rates = run(load_scenario(), plan).dataset
     assert rates.rate.values == pytest.approx(rates.rate_power.values)
     assert rates.power_w.values == pytest.approx(plan.limit_w)
 

@@ -10,10 +10,13 @@ from hypothesis import strategies as st
 from scipy.stats import binom, chi2
 
 from detector.pnp import pnp
-from experiments.thesis.montecarlo import figures as montecarlo_figures
+from experiments.chain.statistics import wilson_interval
 from experiments.thesis.montecarlo import scenes as pose_scenes
 from experiments.thesis.montecarlo import study as montecarlo
-from experiments.thesis.montecarlo.errors import Errors, wilson_interval
+from experiments.thesis.montecarlo.errors import Errors
+from experiments.thesis.montecarlo.page import page
+from experiments.thesis.montecarlo.plan import QUICK
+from experiments.thesis.montecarlo.tables import outlier_rows
 from radiometry.geometry import attitude_matrix, faces_camera, rotation_angle
 from radiometry.optics import Camera
 
@@ -192,11 +195,14 @@ def test_unknown_layout_is_refused() -> None:
 
 @pytest.mark.slow
 def test_quick_run_writes_everything_and_repeats_itself(tmp_path: Path) -> None:
-    tree = montecarlo.run(tmp_path / "a", seed=3, quick=True)
+    tree = montecarlo.run(montecarlo.load(seed=3), QUICK)
     assert set(tree.children) == {"performance", "convergence", "far", "noise", "tried", "single"}
-    written = {path.name for path in (tmp_path / "a").iterdir()}
+    made = page(tree, "mantis montecarlo --quick --seed 3")
+    made.write(tmp_path / "a")
+    written = {path.name for path in (tmp_path / "a").rglob("*")}
     assert {"montecarlo.nc", "montecarlo-outliers.csv", "montecarlo-flat.svg", "montecarlo-convergence.svg"} <= written
-    rows = montecarlo_figures.summary_rows(tree)
+    assert "Seed 3; the same input and seed give the same figures." in made.html()
+    rows = outlier_rows(tree["performance"].to_dataset())
     assert all(len(row) == len(rows[0]) for row in rows)
     again = montecarlo.performance(CAMERA, [1.0, 5.0, 10.0, 20.0], 30, np.random.default_rng(3).spawn(6)[0])
     xr.testing.assert_identical(again.drop_vars("seconds"), tree["performance"].to_dataset().drop_vars("seconds"))

@@ -1,5 +1,6 @@
 """The hierarchy process against closed forms, brute force, and the thesis's printed tables."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from experiments.thesis.tradeoff import ahp
-from experiments.thesis.tradeoff import study as tradeoff
+from experiments.thesis.tradeoff.cells import PrintedCell, thesis_cells
+from experiments.thesis.tradeoff.page import cells_table, page, scores_table
+from experiments.thesis.tradeoff.problem import THESIS_PROBLEM, load
+from experiments.thesis.tradeoff.study import run
 
 ratio = st.floats(1 / 9, 9)
 positive = st.floats(0.05, 1.0)
@@ -81,16 +85,16 @@ def test_where_no_ideal_measure_reduction_is_given_none_exists(seed: int) -> Non
 
 
 @pytest.fixture(scope="module")
-def cells() -> list[tradeoff.Cell]:
-    return tradeoff.thesis_cells()
+def cells() -> tuple[PrintedCell, ...]:
+    return thesis_cells()
 
 
-def test_every_printed_cell_is_accounted_for(cells: list[tradeoff.Cell]) -> None:
+def test_every_printed_cell_is_accounted_for(cells: tuple[PrintedCell, ...]) -> None:
     # 4.2: 6 weights + 3; 4.3: 6 × (2 × 3 + 3); 4.4: 6 weights + 3 × 8; 4.5: 3 × 6; 4.6: 6 × 6.
     assert len(cells) == 9 + 54 + 30 + 18 + 36
 
 
-def test_recipe_gives_every_printed_digit_but_the_misprints(cells: list[tradeoff.Cell]) -> None:
+def test_recipe_gives_every_printed_digit_but_the_misprints(cells: tuple[PrintedCell, ...]) -> None:
     off = {(c.table, c.row, c.column): c.verdict for c in cells if not c.agrees(c.reproduced)}
     assert {key for key, verdict in off.items() if verdict == "misprint"} == {
         ("4.3", "lifetime", "CI"),
@@ -104,7 +108,7 @@ def test_recipe_gives_every_printed_digit_but_the_misprints(cells: list[tradeoff
 
 
 def test_winner_stands_in_both_modes_and_second_place_does_not() -> None:
-    result = ahp.decide(ahp.load_problem(tradeoff.THESIS_PROBLEM))
+    result = ahp.decide(ahp.load_problem(THESIS_PROBLEM))
     ranking = {
         mode: list(result.alternative.values[result["rank"].sel(mode=mode).values.argsort()]) for mode in ahp.MODES
     }
@@ -126,7 +130,7 @@ def test_winner_stands_in_both_modes_and_second_place_does_not() -> None:
     ],
 )
 def test_bad_problem_is_refused_with_its_reason(tmp_path: Path, old: str, new: str, named: str) -> None:
-    text = tradeoff.THESIS_PROBLEM.read_text(encoding="utf-8").partition("# What the thesis prints")[0]
+    text = THESIS_PROBLEM.read_text(encoding="utf-8").partition("# What the thesis prints")[0]
     assert old in text
     path = tmp_path / "problem.toml"
     path.write_text(text.replace(old, new, 1), encoding="utf-8")
@@ -147,22 +151,41 @@ def test_run_writes_dataset_figures_and_table_for_another_problem_too(tmp_path: 
         ]
         """
     )
-    result = tradeoff.run(tmp_path / "two", problem)
-    assert result.score.sel(mode="distributive").values == pytest.approx(
+    result = run(load(str(problem)))
+    assert result.dataset.score.sel(mode="distributive").values == pytest.approx(
         [0.75 * 5 / 6 + 0.25 / 5, 0.75 / 6 + 0.25 * 4 / 5]
     )
-    assert [row[0] for row in tradeoff.summary_rows(result)] == ["alternative", "LED", "laser"]
-    assert not (tmp_path / "two" / "tradeoff-cells.csv").exists()
+    assert [row[0].text for row in scores_table(result.dataset).rows] == ["LED", "laser"]
+    page(result, "mantis tradeoff two.toml").write(tmp_path / "two")
+    assert not (tmp_path / "two" / "data" / "tradeoff-cells.csv").exists()
 
-    tradeoff.run(tmp_path / "thesis")
-    assert len((tmp_path / "thesis" / "tradeoff-cells.csv").read_text().splitlines()) == 148
+    page(run(load()), "mantis tradeoff").write(tmp_path / "thesis")
+    assert len((tmp_path / "thesis" / "data" / "tradeoff-cells.csv").read_text().splitlines()) == 148
     with xr.open_dataset(tmp_path / "thesis" / "tradeoff.nc", engine="h5netcdf") as stored:
         assert stored.sizes["criterion"] == 6
-    first = (tmp_path / "thesis" / "tradeoff-weights.svg").read_bytes()
-    tradeoff.run(tmp_path / "thesis")
-    assert (tmp_path / "thesis" / "tradeoff-weights.svg").read_bytes() == first
+    first = (tmp_path / "thesis" / "figures" / "tradeoff-weights.svg").read_bytes()
+    page(run(load()), "mantis tradeoff").write(tmp_path / "thesis")
+    assert (tmp_path / "thesis" / "figures" / "tradeoff-weights.svg").read_bytes() == first
 
 
 def test_committed_table_is_what_the_code_gives() -> None:
-    committed = Path(__file__).parents[2] / "docs" / "data" / "tradeoff-cells.csv"
-    assert committed.read_text(encoding="utf-8") == tradeoff.cells_csv(tradeoff.thesis_cells())
+    committed = Path(__file__).parents[3] / "docs" / "data" / "tradeoff-cells.csv"
+    assert committed.read_text(encoding="utf-8") == cells_table(thesis_cells()).csv()
+
+
+def test_verb_takes_a_problem_of_the_user_and_no_keys(
+    mantis: Callable[..., tuple[int, str, str]], tmp_path: Path
+) -> None:
+    problem = tmp_path / "own.toml"
+    problem.write_text(THESIS_PROBLEM.read_text(encoding="utf-8").replace("Fiducial concept", "Own"), encoding="utf-8")
+    status, out, error = mantis("tradeoff", problem, "--out", tmp_path / "own")
+    assert (status, error) == (0, "")
+    assert "Encoding wins in both modes." in out
+    assert f"mantis tradeoff {problem}" in (tmp_path / "own" / "tradeoff.md").read_text(encoding="utf-8")
+    status, _, error = mantis("tradeoff", tmp_path / "none.toml", "--out", tmp_path / "none")
+    assert status == 2
+    assert "none.toml: No such file" in error
+    assert not (tmp_path / "none").exists()
+    status, _, error = mantis("tradeoff", "--set", "leds.count=1")
+    assert status == 2
+    assert "so --set has nothing to change" in error

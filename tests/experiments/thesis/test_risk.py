@@ -16,11 +16,13 @@ from experiments.scenario import Scenario
 from experiments.studies.glare.failures import failure_rows
 from experiments.studies.glare.study import FULL
 from experiments.studies.shared import failures, judge
-from experiments.thesis.risk import page, study
+from experiments.thesis.risk import study
+from experiments.thesis.risk.page import page
+from experiments.thesis.risk.plan import Plan
 from experiments.thesis.virtual import summary
 
 Mantis = Callable[..., tuple[int, str, str]]
-RESULTS = Path(__file__).parents[2] / "docs" / "data"
+RESULTS = Path(__file__).parents[3] / "docs" / "data"
 
 
 def write(folder: Path, name: str, rows: list[dict[str, object]]) -> Path:
@@ -111,8 +113,12 @@ def test_places_follow_from_the_rows_of_a_table(tmp_path: Path) -> None:
     assert any("mantis virtual makes it" in line for line in missing)
     before = {mode: found["physical", "before", mode] for mode in failures.MODES}
     assert {mode: p.likelihood for mode, p in before.items()} == {
-        "loss_of_aruco": 1, "false_positive": 1, "loss_of_elements": 4, "wrong_corners": 2, "no_blob": 3,
-    }  # fmt: skip
+        "loss_of_aruco": 1,
+        "false_positive": 1,
+        "loss_of_elements": 4,
+        "wrong_corners": 2,
+        "no_blob": 3,
+    }
     # Corners on the ring's outer square keep the attitude and lose the range.
     assert before["wrong_corners"].severity == 2
     assert before["wrong_corners"].range_error == pytest.approx(0.12)
@@ -125,10 +131,11 @@ def test_places_follow_from_the_rows_of_a_table(tmp_path: Path) -> None:
 
 def test_page_says_where_it_differs_from_the_thesis_and_is_written(tmp_path: Path) -> None:
     physical(tmp_path / "in")
-    told = page.study([tmp_path / "in"], tmp_path / "out", "mantis risk --results in")
+    told = page(study.run(plan=Plan((tmp_path / "in",))), "mantis risk --results in")
+    told.write(tmp_path / "out")
     assert told.passed
-    head, *rows = told.tables["places"]
-    cells = [dict(zip(head, cell, strict=True)) for cell in rows]
+    table = next(table for table in told.tables() if table.key == "places")
+    cells = [dict(zip(table.headings, (cell.text for cell in cells), strict=True)) for cells in table.rows]
     lost = next(c for c in cells if c["failure"].startswith("3") and c["stage"] == "before")
     assert lost["likelihood"] == "above 3"
     assert lost["thesis: likelihood, severity"] == "2, 1"
@@ -151,7 +158,8 @@ def test_committed_tables_of_the_virtual_experiment_are_read(tmp_path: Path) -> 
         for stage in study.STAGES:
             assert found["virtual", stage, mode].rate.frames > 100
     # The same commands, read again, give the same page.
-    assert page.study_page(found, [], "x").markdown() == page.study_page(study.places([RESULTS])[0], [], "x").markdown()
+    first, second = (page(study.run(plan=Plan((RESULTS,))), "x").markdown() for _ in range(2))
+    assert first == second
 
 
 @pytest.mark.parametrize(
@@ -195,9 +203,12 @@ def test_glare_counts_failures_of_frames_against_what_stands_in_its_opening() ->
     blobs[..., 2, :] = np.nan  # not found
     dims = ("mode", "range_m", "phase_deg", "azimuth_deg", "frame")
     values = {
-        "detected": [1, 1, 0, 1], "false_positive": [0, 0, 1, 0], "attitude_error_deg": [0.1, 0.5, np.nan, 0.3],
-        "range_error": [0.001, 0.002, np.nan, 0.1], "corner_error_max_px": [0.1, 0.1, np.nan, 0.06 * side_px],
-    }  # fmt: skip
+        "detected": [1, 1, 0, 1],
+        "false_positive": [0, 0, 1, 0],
+        "attitude_error_deg": [0.1, 0.5, np.nan, 0.3],
+        "range_error": [0.001, 0.002, np.nan, 0.1],
+        "corner_error_max_px": [0.1, 0.1, np.nan, 0.06 * side_px],
+    }
     data = {name: (dims, np.reshape(v, (1, 1, 1, 1, 4))) for name, v in values.items()}
     dataset = xr.Dataset(
         {**data, "blob_error_px": ((*dims, "element"), blobs)},
