@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from experiments.cli.options import Options, RequirementNotMet, announce_variant, shared_options, with_progress
+from experiments.cli.study_verb import StudyVerb, study_verb
 
 
 def _command(verb: str, options: Options, scenario: str | None, *flags: str | None) -> str:
@@ -41,22 +42,15 @@ def _tell(options: Options, page: Any, out: Path, *tables: str) -> None:
     )  # fmt: skip
 
 
-@click.command()
-@click.argument("scenario", required=False)
-@click.option("--quick", is_flag=True, help="A few counts and one rendered face: a first look.")
-@shared_options
-def layout(options: Options, scenario: str | None, quick: bool) -> None:
-    """Several markers on faces of 1 to 10 m: footprint, markers in view over range, and one pose from all by rendering.
-
-    Takes some ten minutes in full. Writes report.html, layout.nc, data and figures into the folder --out (default out/layout).
-    """
-    from experiments.thesis.layout import page
-
-    chosen, out = options.scenario(scenario), options.out or Path("out/layout")
-    announce_variant(options)
-    command = _command("layout", options, scenario, "--quick" if quick else None)
-    result = with_progress(options, lambda tell: page.study(chosen, out, command, quick, tell))
-    _tell(options, result, out, "pose")
+layout = study_verb(
+    StudyVerb(
+        name="layout",
+        package="experiments.thesis.layout",
+        help="Several markers on faces of 1 to 10 m: footprint, markers in view over range, and one pose from all by "
+        "rendering.\n\nTakes some ten minutes in full.",
+        quick="A few counts and one rendered face: a first look.",
+    )
+)
 
 
 @click.command()

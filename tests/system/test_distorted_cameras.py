@@ -1,0 +1,33 @@
+"""Every study that detects, with a camera whose lens distorts: errors are those of a camera without distortion.
+
+A study that gives a distorted image to a function below `detector.detect` is off by far more than noise, without a word.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from experiments.scenario import Scenario, load_scenario
+
+#: Barrel distortion, strong enough that straight lines of the marker bend by pixels.
+DISTORTION = "camera.k1=-0.2"
+
+
+def scenarios(*overrides: str) -> tuple[Scenario, Scenario]:
+    """A scenario without distortion, and the same with it."""
+    return load_scenario(overrides=overrides), load_scenario(overrides=(*overrides, DISTORTION))
+
+
+def test_layout() -> None:
+    """Rationale for the bounds: without rectification the errors are 0.12° and 15 mm; with it 0.001° and 0.04 mm."""
+    from experiments.thesis.layout.plan import Plan, RenderedCase
+    from experiments.thesis.layout.study import rendered
+
+    plan = Plan((1.0,), (1.0,), 2, (RenderedCase("wide", 1.0, (5.0,)),), 1, 3, 60_000)
+    straight, distorted = (rendered(s, plan, np.random.default_rng(4)) for s in scenarios())
+    assert distorted.found.min() >= straight.found.min()
+    for errors in (straight, distorted):
+        every = errors.sel(solver="all markers")
+        assert every.attitude_deg.median() < 0.004
+        assert every.range_error_m.median() < 2e-4
+        assert every.lateral_error_m.median() < 2e-5
