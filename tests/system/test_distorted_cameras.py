@@ -31,3 +31,17 @@ def test_layout() -> None:
         assert every.attitude_deg.median() < 0.004
         assert every.range_error_m.median() < 2e-4
         assert every.lateral_error_m.median() < 2e-5
+
+
+def test_fov() -> None:
+    """Frontal and tilted frames of the cropped detector, whose axis is the lens's own."""
+    from experiments.thesis.fov.plan import Plan
+    from experiments.thesis.fov.study import map_of
+
+    plan = Plan((2.0,), (-30.0, 0.0), 1, (0.0,), 200_000)
+    straight, distorted = (map_of(s, plan) for s in scenarios())
+    for found in (straight, distorted):
+        assert found.corners.values.all()
+        assert found.pose.values.all()
+        assert found.attitude_deg.max() < 0.3
+    assert (distorted.blob.sum("element") >= straight.blob.sum("element") - 1).all()

@@ -53,22 +53,15 @@ layout = study_verb(
 )
 
 
-@click.command()
-@click.argument("scenario", required=False)
-@click.option("--quick", is_flag=True, help="Nine tilts and a cut of five: a first look.")
-@shared_options
-def fov(options: Options, scenario: str | None, quick: bool) -> None:
-    """Field of view of an element and of the marker: equations 5.17 to 5.20, and rendered frames over pitch and yaw.
-
-    Takes some ten minutes in full. Writes report.html, fov.nc, data and figures into the folder --out (default out/fov).
-    """
-    from experiments.thesis.fov import page
-
-    chosen, out = options.scenario(scenario), options.out or Path("out/fov")
-    announce_variant(options)
-    command = _command("fov", options, scenario, "--quick" if quick else None)
-    result = with_progress(options, lambda tell: page.study(chosen, out, command, quick, tell))
-    _tell(options, result, out, "cone")
+fov = study_verb(
+    StudyVerb(
+        name="fov",
+        package="experiments.thesis.fov",
+        help="Field of view of an element and of the marker: equations 5.17 to 5.20, and rendered frames over pitch and "
+        "yaw.\n\nTakes some ten minutes in full.",
+        quick="Nine tilts and a cut of five: a first look.",
+    )
+)
 
 
 @click.command()
