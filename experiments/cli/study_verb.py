@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
+from shutil import rmtree
 from typing import Any
 
 import click
@@ -59,6 +60,8 @@ class StudyVerb:
         renders: whether it needs the renderer.
         workers: whether it can use several processes.
         require: conditions of `--require`, each with what it asks.
+        resume: what `--resume` does; empty where there is no such option. The study's `run` then takes `kept`, a folder for
+            finished parts, which are not run again; it is emptied first without `--resume`, and taken away once all is written.
         plan: options that change the plan.
     """
 
@@ -72,6 +75,7 @@ class StudyVerb:
     renders: bool = True
     workers: bool = False
     require: Mapping[str, str] | None = None
+    resume: str = ""
     plan: Sequence[PlanOption] = ()
 
 
@@ -101,6 +105,8 @@ def _options(study: StudyVerb) -> list[Callable[..., Any]]:
         found.append(
             click.option("--workers", type=click.IntRange(0), help="Processes beside this one; default one a core.")
         )
+    if study.resume:
+        found.append(click.option("--resume", is_flag=True, help=study.resume))
     if study.require:
         asks = "; ".join(f"{name}: {what}" for name, what in study.require.items())
         found.append(
@@ -111,6 +117,7 @@ def _options(study: StudyVerb) -> list[Callable[..., Any]]:
 
 def _run(study: StudyVerb, options: Options, source: str | None, given: dict[str, Any]) -> None:
     quick, workers, require = given.pop("quick", False), given.pop("workers", None), given.pop("require", None)
+    resume = given.pop("resume", False)
     changes = {field: value for field, value in given.items() if value not in (None, ())}
     if study.fixed and options.overrides:
         raise click.UsageError(f"{study.name}: {study.fixed}, so --set has nothing to change")
@@ -121,10 +128,17 @@ def _run(study: StudyVerb, options: Options, source: str | None, given: dict[str
     ready_folder(out)
     if study.renders:
         announce_variant(options)
-    how = {"workers": workers} if study.workers else {}
+    how: dict[str, Any] = {"workers": workers} if study.workers else {}
+    kept = out / "runs"
+    if study.resume:
+        how["kept"] = kept
+        if not resume:
+            rmtree(kept, ignore_errors=True)
     result = with_progress(options, lambda tell: runs.run(scenario, plan, tell, **how))
     page = import_module(f"{study.package}.page").page(result, _command(study, options, source, quick, changes))
     page.write(out)
+    if study.resume:
+        rmtree(kept, ignore_errors=True)
     options.say(*page.terminal(), f"Report and data: {out / 'report.html'}")
     options.emit({**page.record(), "out": out})
     if require and require in page.unmet:

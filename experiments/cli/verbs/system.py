@@ -119,25 +119,18 @@ def requirements(options: Options, results: Path, require: str | None) -> None:
         raise RequirementNotMet(page.headline)
 
 
-@click.command()
-@click.option("--quick", is_flag=True, help="One size, two tilts, three frames of each.")
-@click.option("--workers", type=click.IntRange(1), help="Processes that look at the frames; default one a core.")
-@shared_options
-def comparison(options: Options, quick: bool, workers: int | None) -> None:
-    """Attitude error over tilt at equal pixel size: this marker, ArUco, AprilTag and a protrusion rendered, lens and moiré
-    markers by closed form and as published.
-
-    Writes report.html, comparison.nc, data and figures into the folder --out (default out/comparison).
-    """
-    from experiments.thesis.comparison import study
-
-    out = options.out or Path("out/comparison")
-    announce_variant(options)
-    command = _command("comparison", options, None, "--quick" if quick else None)
-    page = with_progress(
-        options, lambda tell: study.study(out, command, quick, options.seed, options.overrides, workers, tell)
+comparison = study_verb(
+    StudyVerb(
+        name="comparison",
+        package="experiments.thesis.comparison",
+        help="Attitude error over tilt at equal pixel size: this marker, ArUco, AprilTag and a protrusion rendered, lens and "
+        "moiré markers by closed form and as published.",
+        source="",
+        load="experiments.thesis.virtual.targets.load",
+        quick="One size, two tilts, three frames of each.",
+        workers=True,
     )
-    _tell(options, page, out)
+)
 
 
 @click.command()
