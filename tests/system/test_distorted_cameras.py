@@ -61,3 +61,18 @@ def test_virtual() -> None:
         assert best.found.values.all()
         assert np.abs(best.pitch_error_deg).max() < 0.2
         assert np.abs(best.range_error_m).max() < 5e-4
+
+
+def test_physical() -> None:
+    """The camera is calibrated with its distortion from rendered chessboards, and frames are rectified by that calibration."""
+    from experiments.thesis.physical import arm
+    from experiments.thesis.physical.plan import Plan
+    from experiments.thesis.physical.study import run
+
+    plan = Plan(passes=1, steps=3, binning=16, boards=4, sharpness_px=(2.0,))
+    frames = run(arm.load(("camera.k1=-0.2",)), plan, workers=1).frames
+    own = frames.sel(by="mantis", illumination="eclipse")
+    assert own.found.values.all()
+    # As with the laboratory's own lens, which distorts a quarter as much.
+    assert np.abs(own.yaw_error_deg).max() < 0.3
+    assert np.abs(own.range_error_m / own.range_m).max() < 0.005

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from experiments.cli.options import Options, RequirementNotMet, announce_variant, shared_options, with_progress
+from experiments.cli.options import Options, RequirementNotMet, shared_options
 from experiments.cli.study_verb import StudyVerb, study_verb
 
 
@@ -133,28 +133,19 @@ comparison = study_verb(
 )
 
 
-@click.command()
-@click.option("--quick", is_flag=True, help="Two passes of three stations, and few chessboards: a first look.")
-@click.option("--workers", type=click.IntRange(1), help="Processes that look at the frames; default one a core.")
-@click.option(
-    "--require", type=click.Choice(["found"]), help="Exit status 4 unless every frame in eclipse is found, none wild."
+physical = study_verb(
+    StudyVerb(
+        name="physical",
+        package="experiments.thesis.physical",
+        help="The physical experiment of sections 7.1 and 8.2 emulated: arm, calibrated camera, LEDs and halogen spot, all "
+        "rendered.\n\nTakes some three minutes in full on two idle cores.",
+        source="",
+        load="experiments.thesis.physical.arm.load",
+        quick="Two passes of three stations, and few chessboards: a first look.",
+        workers=True,
+        require={"found": "every frame in eclipse is found, and none is an outlier"},
+    )
 )
-@shared_options
-def physical(options: Options, quick: bool, workers: int | None, require: str | None) -> None:
-    """The physical experiment of sections 7.1 and 8.2 emulated: arm, calibrated camera, LEDs and halogen spot, all rendered.
-
-    Takes some three minutes in full on two idle cores. Writes report.html, physical.md, physical.nc, data and figures into the
-    folder --out (default out/physical).
-    """
-    from experiments.thesis.physical import arm, page
-
-    scenario, out = arm.load(options.overrides, options.seed), options.out or Path("out/physical")
-    announce_variant(options)
-    command = _command("physical", options, None, "--quick" if quick else None)
-    result = with_progress(options, lambda tell: page.study(scenario, out, command, quick, workers, tell))
-    _tell(options, result, out, "camera")
-    if require and not result.passed:
-        raise RequirementNotMet(result.headline)
 
 
 @click.command()

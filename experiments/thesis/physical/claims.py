@@ -9,10 +9,11 @@ import xarray as xr
 
 from experiments.reporting.formatting import number
 from experiments.scenario import Scenario
+from experiments.studies.shared.judge import WRONG_CORNER
 from experiments.thesis.claims import Claim
 from experiments.thesis.physical import arm
 from experiments.thesis.physical.camera import Calibrated, solved
-from experiments.thesis.physical.study import Outcome
+from experiments.thesis.physical.study import PhysicalResult
 from experiments.thesis.physical.summary import beside, frontal, mean, outliers, rms, series
 from radiometry.sources import am0_spectrum
 from radiometry.spectrum import Spectrum
@@ -27,12 +28,12 @@ _ACCEPTED_PX = 1.0
 _LITTLE_ADDED = "; right: a fitted pattern, in frames whose noise is averaged, leaves the virtual points little to add"
 
 
-def claims(outcome: Outcome) -> list[Claim]:
+def claims(result: PhysicalResult) -> list[Claim]:
     """What the text states, beside the thesis's pipeline and this project's on the same frames."""
-    frames = outcome.frames
+    frames = result.frames
     return [
-        *_equipment(outcome.scenario, outcome.camera),
-        *_full(frames),
+        *_equipment(result.scenario, result.camera),
+        *_full(frames, _ring_px(result)),
         *_scaled(frames),
         *_lamp(frames),
     ]
@@ -113,7 +114,8 @@ def _equipment(scenario: Scenario, camera: Calibrated) -> Iterator[Claim]:
         "",
         NAN,
         level,
-        remark=f"level assumed: {arm.table()['lamp']['illuminance_lx']:,.0f} lx, {_band(lamp, _NEAR_INFRARED):.0f} W/m² in that band",
+        remark=f"level assumed: {arm.table()['lamp']['illuminance_lx']:,.0f} lx, {_band(lamp, _NEAR_INFRARED):.0f} W/m² in that "
+        "band",
     )
     yield Claim(
         "listing A.3",
@@ -123,8 +125,8 @@ def _equipment(scenario: Scenario, camera: Calibrated) -> Iterator[Claim]:
         camera.listing_error_px,
         camera.found.rms_px,
         remark=(
-            f"the listing takes the root of a mean of distances of whole views, which is no distance of a corner: its corners are "
-            f"{number(camera.listing_rms_px)} px off, and a good calibration "
+            f"the listing takes the root of a mean of distances of whole views, which is no distance of a corner: its corners "
+            f"are {number(camera.listing_rms_px)} px off, and a good calibration "
             f"{'fails' if camera.listing_error_px > _ACCEPTED_PX else 'passes'}. Right: rms of this project's corners"
         ),
     )
@@ -148,8 +150,8 @@ def _band(spectrum: Spectrum, band_nm: tuple[float, float]) -> float:
     return float(np.trapezoid(fine.values[inside], fine.wavelength_nm[inside]))
 
 
-def _full(frames: xr.Dataset) -> Iterator[Claim]:
-    """Figure 8.11: frames as taken, in eclipse."""
+def _full(frames: xr.Dataset, ring_px: float) -> Iterator[Claim]:
+    """Figure 8.11: frames as taken, in eclipse; `ring_px` as `_ring_px`."""
     own, bare, listed, listed_bare = (
         series(frames, "eclipse", "full", by) for by in ("mantis", "inner", "thesis", "thesis_inner")
     )
@@ -185,8 +187,7 @@ def _full(frames: xr.Dataset) -> Iterator[Claim]:
         *apart,
         remark=(
             f"{_agrees(apart[0] < 1)}; the thesis's pipeline has a virtual point in {share:.0f} % of the frames, and "
-            "elsewhere gives the "
-            "inner ArUco's pose itself: that both agree says little"
+            "elsewhere gives the inner ArUco's pose itself: that both agree says little"
         ),
     )
     yield Claim(
@@ -201,6 +202,7 @@ def _full(frames: xr.Dataset) -> Iterator[Claim]:
     near = frontal(frames)
     for by, what in (("thesis", "AprilTag refinement, as listed"), ("window_inner", "refinement in a window")):
         method = series(frames, "eclipse", "full", by)
+        scaled = series(frames, "eclipse", "scaled", by)
         found = 100 * mean(method.wrong_corners, near)
         yield Claim(
             "sec. 8.2",
@@ -210,11 +212,9 @@ def _full(frames: xr.Dataset) -> Iterator[Claim]:
             found,
             100 * mean(own.wrong_corners, near),
             remark=(
-                f"{_agrees(found > 0)}; {number(100 * mean(method.wrong_corners))} % over all stations: the narrow "
-                "ring's outer corner is "
-                f"{number(2 * _ring_px(frames))} px off where the arm is nearest, and nearer where the ring is seen "
-                "from aside; near frontal in scaled frames "
-                f"{number(100 * mean(series(frames, 'eclipse', 'scaled', by).wrong_corners, near))} %"
+                f"{_agrees(found > 0)}; {number(100 * mean(method.wrong_corners))} % over all stations: the narrow ring's outer "
+                f"corner is {number(2 * ring_px)} px off where the arm is nearest, and nearer where the ring is seen from aside; "
+                f"near frontal in scaled frames {number(100 * mean(scaled.wrong_corners, near))} %"
             ),
         )
     errors = (rms(listed.yaw_error_deg), rms(own.yaw_error_deg))
@@ -245,12 +245,10 @@ def _mirrored(frames: xr.Dataset) -> str:
     return f"{_agrees(False)}: yaw within {off:.0f}° of squarely seen, where the mirrored pose of a square fits nearly as well"
 
 
-def _ring_px(frames: xr.Dataset) -> float:
+def _ring_px(result: PhysicalResult) -> float:
     """From the middle of the narrow ring's diagonal to its ends where the arm is nearest [px]."""
-    from experiments.studies.shared.judge import WRONG_CORNER
-
-    scenario = arm.load()
-    return float(WRONG_CORNER * scenario.marker.aruco_m * max(scenario.camera.focal_px) / float(frames.range_m.min()))
+    scenario, nearest_m = result.scenario, float(result.frames.range_m.min())
+    return float(WRONG_CORNER * scenario.marker.aruco_m * max(scenario.camera.focal_px) / nearest_m)
 
 
 def _turns(values: xr.DataArray) -> int:
@@ -343,6 +341,7 @@ def _lamp(frames: xr.Dataset) -> Iterator[Claim]:
             share,
             remark=f"{_agrees((listed_share > 50) == (printed == 'found'))}; {dark:.0f} % in eclipse at the same stations",
         )
+    filled = arm.table()["exposure"]["full_well_fraction"]
     exposure = float(frames.exposure_s.sel(illumination="sunlit") / frames.exposure_s.sel(illumination="eclipse"))
     yield Claim(
         "sec. 8.2",
@@ -352,8 +351,8 @@ def _lamp(frames: xr.Dataset) -> Iterator[Claim]:
         exposure,
         exposure,
         remark=(
-            "the exposure follows the bits, which the lamp lights as well; the lamp does not reach a slit's floor from aside. Both "
-            f"exposures fill {100 * arm.table()['exposure']['full_well_fraction']:.0f} % of the well with the bits squarely seen"
+            "the exposure follows the bits, which the lamp lights as well; the lamp does not reach a slit's floor from aside. "
+            f"Both exposures fill {100 * filled:.0f} % of the well with the bits squarely seen"
         ),
     )
     listed, own, bare, pair = (series(frames, "sunlit", "full", by) for by in ("thesis", "mantis", "inner", "pair"))
