@@ -23,7 +23,8 @@ def test_layout() -> None:
     from experiments.thesis.layout.plan import Plan, RenderedCase
     from experiments.thesis.layout.study import rendered
 
-    plan = Plan((1.0,), (1.0,), 2, (RenderedCase("wide", 1.0, (5.0,)),), 1, 3, 60_000)
+    cases = (RenderedCase("wide", 1.0, (5.0,)),)
+    plan = Plan(faces_m=(1.0,), ranges_m=(1.0,), attitudes=2, cases=cases, poses=1, draws=3, rays=60_000)
     straight, distorted = (rendered(s, plan, np.random.default_rng(4)) for s in scenarios())
     assert distorted.found.min() >= straight.found.min()
     for errors in (straight, distorted):

@@ -367,6 +367,6 @@ def _lamp(frames: xr.Dataset) -> Iterator[Claim]:
             remark=(
                 f"by its inner ArUco alone {number(rms(bare.yaw_error_deg.where(chosen)))}°: what the lamp lights on "
                 "the slits' floors "
-                f"moves the blobs. From frames with LEDs less frames without: {number(rms(pair.yaw_error_deg.where(chosen)))}°"
+                f"moves the blobs. From differences of frames with and without the LEDs: {number(rms(pair.yaw_error_deg.where(chosen)))}°"
             ),
         )

@@ -136,7 +136,7 @@ def _in_eclipse(frames: xr.Dataset) -> Iterator[str]:
         ):
             here = series(frames, "eclipse", scale, by)
             parts.append(f"{who} {number(rms(here.yaw_error_deg))}° with {_outliers(here)}")
-        yield f"{name}, eclipse, yaw rms over {here.found.size} frames: {'; '.join(parts)}."
+        yield f"{name} in eclipse, rms error of the yaw over {here.found.size} frames: {'; '.join(parts)}."
 
 
 def _under_the_lamp(frames: xr.Dataset) -> Iterator[str]:
@@ -145,15 +145,15 @@ def _under_the_lamp(frames: xr.Dataset) -> Iterator[str]:
         here = series(frames, "sunlit", "full", by)
         dark = series(frames, "eclipse", "full", by)
         yield (
-            f"{who} has a virtual point in {100 * mean(dark.virtual):.0f} % of the frames as taken in eclipse; under the lamp in "
-            f"{100 * mean(here.virtual, near):.0f} % with the lamp within {NEAR_PHASE_DEG:g}° of the camera and in "
-            f"{100 * mean(here.virtual, ~near):.0f} % elsewhere."
+            f"{who} has a virtual point in {100 * mean(dark.virtual):.0f} % of the frames as taken in eclipse. Under the lamp it "
+            f"has one in {100 * mean(here.virtual, near):.0f} % where the lamp is within {NEAR_PHASE_DEG:g}° of the camera, and "
+            f"in {100 * mean(here.virtual, ~near):.0f} % elsewhere."
         )
     own, bare, pair = (_rms_in(series(frames, "sunlit", "full", by), near) for by in ("mantis", "inner", "pair"))
     yield (
-        f"Under the lamp Mantis's yaw is off by {own[0]}° rms with the lamp beside the camera and {own[1]}° elsewhere, its inner "
-        f"ArUco's alone by {bare[0]}° and {bare[1]}°: what the lamp lights in the slits moves the blobs. Frames "
-        f"with LEDs less frames without give {pair[0]}° and {pair[1]}°{_lost(frames)}."
+        f"Under the lamp Mantis's yaw is off by {own[0]}° rms where the lamp is beside the camera and by {own[1]}° elsewhere, its "
+        f"inner ArUco's alone by {bare[0]}° and {bare[1]}°: what the lamp lights in the slits moves the blobs. Differences of "
+        f"frames with and without the LEDs give {pair[0]}° and {pair[1]}°{_lost(frames)}."
     )
 
 

@@ -135,7 +135,8 @@ def test_nested_rings_cover_what_no_layout_of_the_thesis_does() -> None:
 
 def test_one_pose_from_all_rendered_markers_beats_the_surest_alone() -> None:
     scenario = load_scenario()
-    plan = Plan((1.0,), (1.0,), 2, (RenderedCase("wide", 1.0, (5.0,)),), 1, 4, 60_000)
+    cases = (RenderedCase("wide", 1.0, (5.0,)),)
+    plan = Plan(faces_m=(1.0,), ranges_m=(1.0,), attitudes=2, cases=cases, poses=1, draws=4, rays=60_000)
     rendered = study.rendered(scenario, plan, np.random.default_rng(4))
     assert rendered.sizes["frame"] == 4
     assert (rendered.found >= 4).all()

@@ -19,7 +19,7 @@ from experiments.studies.shared import trackers
 from experiments.studies.shared.judge import FAILURES, VARIABLES, WRONG_CORNER, Truth, tilt_deg
 from experiments.studies.shared.trackers import TrackerResult
 from experiments.thesis.virtual import summary, targets
-from experiments.thesis.virtual.plan import FULL
+from experiments.thesis.virtual.plan import FULL, QUICK
 from experiments.thesis.virtual.study import batches, judge_batch, judged_frames, quality
 from experiments.thesis.virtual.targets import Run
 from radiometry.geometry import attitude_matrix
@@ -279,3 +279,16 @@ def test_unknown_keys_are_refused(mantis: Callable[..., Outcome]) -> None:
     status, _, err = mantis("virtual", "--quick", "--set", "camera.wdith_px=4")
     assert status == 2
     assert "wdith_px" in err
+
+
+def test_resume_goes_on_from_finished_runs(
+    mantis: Callable[..., Outcome], scenario: Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan = dataclasses.replace(QUICK, tests=(1,), step_deg=30.0)
+    judged_frames(scenario, targets.runs(plan), workers=1, kept=tmp_path / "runs")
+    # Nothing is left to judge.
+    monkeypatch.setattr("experiments.thesis.virtual.study.judge_batch", None)
+    monkeypatch.setattr("experiments.thesis.virtual.plan.QUICK", plan)
+    status, _, err = mantis("virtual", "--quick", "--resume", "--json", "--workers", "1", "--out", tmp_path)
+    assert (status, err) == (0, "")
+    assert not (tmp_path / "runs").exists()
