@@ -151,9 +151,9 @@ def _under_the_lamp(frames: xr.Dataset) -> Iterator[str]:
         )
     own, bare, pair = (_rms_in(series(frames, "sunlit", "full", by), near) for by in ("mantis", "inner", "pair"))
     yield (
-        f"Under the lamp Mantis's yaw is off by {own[0]}° rms where the lamp is beside the camera and by {own[1]}° elsewhere, its "
-        f"inner ArUco's alone by {bare[0]}° and {bare[1]}°: what the lamp lights in the slits moves the blobs. Differences of "
-        f"frames with and without the LEDs give {pair[0]}° and {pair[1]}°{_lost(frames)}."
+        f"Under the lamp Mantis's yaw is off by {own[0]}° rms where the lamp is beside the camera and by {own[1]}° elsewhere, "
+        f"its inner ArUco's alone by {bare[0]}° and {bare[1]}°: what the lamp lights in the slits moves the blobs. Differences "
+        f"of frames with and without the LEDs give {pair[0]}° and {pair[1]}°{_lost(frames)}."
     )
 
 
