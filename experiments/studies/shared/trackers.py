@@ -25,7 +25,7 @@ from detector.pnp.pnp import ippe_refined, squared_error, two_start
 from detector.pose.pose import solve_pose
 from detector.rectify import ideal_camera, rectified, rectified_noise
 from detector.sensor.noise import NoiseModel
-from experiments.thesis.baseline import REFINEMENT_SHIFT_PX, baseline_features, to_eight_bits
+from experiments.studies.shared.baseline import REFINEMENT_SHIFT_PX, baseline_features, to_eight_bits
 from radiometry.geometry import FloatArray, faces_camera
 from radiometry.optics import Camera
 from scenes.marker import ELEMENT_NAMES, MarkerDesign, aruco_dictionary

@@ -357,6 +357,7 @@ def _lamp(frames: xr.Dataset) -> Iterator[Claim]:
     )
     listed, own, bare, pair = (series(frames, "sunlit", "full", by) for by in ("thesis", "mantis", "inner", "pair"))
     for name, chosen in (("beside the camera", beside(frames)), ("aside", ~beside(frames))):
+        alone, paired = (number(rms(one.yaw_error_deg.where(chosen))) for one in (bare, pair))
         yield Claim(
             "sec. 8.2",
             f"yaw error of Mantis under the lamp, {name}, rms",
@@ -365,8 +366,7 @@ def _lamp(frames: xr.Dataset) -> Iterator[Claim]:
             rms(listed.yaw_error_deg.where(chosen)),
             rms(own.yaw_error_deg.where(chosen)),
             remark=(
-                f"by its inner ArUco alone {number(rms(bare.yaw_error_deg.where(chosen)))}°: what the lamp lights on "
-                "the slits' floors "
-                f"moves the blobs. From differences of frames with and without the LEDs: {number(rms(pair.yaw_error_deg.where(chosen)))}°"
+                f"by its inner ArUco alone {alone}°: what the lamp lights on the slits' floors moves the blobs. From differences "
+                f"of frames with and without the LEDs: {paired}°"
             ),
         )

@@ -9,6 +9,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
+from experiments.studies.shared.baseline import to_eight_bits
 from experiments.studies.shared.trackers import (
     TrackerFrame,
     TrackerResult,
@@ -20,7 +21,6 @@ from experiments.studies.shared.trackers import (
     of_features,
     thesis,
 )
-from experiments.thesis.baseline import to_eight_bits
 from scenes.marker import ELEMENT_NAMES, MarkerDesign
 
 #: Methods by name, and what they are called.
