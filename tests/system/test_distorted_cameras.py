@@ -77,3 +77,15 @@ def test_physical() -> None:
     # As with the laboratory's own lens, which distorts a quarter as much.
     assert np.abs(own.yaw_error_deg).max() < 0.3
     assert np.abs(own.range_error_m / own.range_m).max() < 0.005
+
+
+def test_comparison() -> None:
+    """Its frames are the virtual experiment's; statistics of a frontal and a tilted marker stay what they are."""
+    from experiments.thesis.comparison.plan import Plan
+    from experiments.thesis.comparison.study import run
+    from experiments.thesis.virtual.targets import load
+
+    plan = Plan(ranges_m=(1.3,), tilts_deg=(0.0, 30.0), frames=2)
+    found = run(load(("camera.k1=-20",)), plan, workers=1).data
+    assert (found.posed.sel(marker=["mantis", "aruco", "svms"]) == 1).all()
+    assert found.median_deg.sel(marker="mantis").max() < 0.2
