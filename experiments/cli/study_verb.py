@@ -14,6 +14,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
+from shutil import rmtree
 from typing import Any
 
 import click
@@ -67,6 +68,8 @@ class StudyVerb:
         writes: what the run itself writes into the folder as it goes, because memory should not hold all of it; empty for
             nothing. Its `run` takes the folder as `out`.
         stem: name of the page's files; default the verb's.
+        resume: what `--resume` does; empty where there is no such option. The study's `run` then takes `kept`, a folder for
+            finished parts, which are not run again; it is emptied first without `--resume`, and taken away once all is written.
         plan: options that change the plan.
     """
 
@@ -83,6 +86,7 @@ class StudyVerb:
     condition: str = ""
     writes: str = ""
     stem: str = ""
+    resume: str = ""
     plan: Sequence[PlanOption] = ()
 
 
@@ -116,6 +120,8 @@ def _options(study: StudyVerb) -> list[Callable[..., Any]]:
                 "--workers", type=click.IntRange(0), help="Processes beside this one; 0 is none, default one a core."
             )
         )
+    if study.resume:
+        found.append(click.option("--resume", is_flag=True, help=study.resume))
     if study.require:
         asks = "; ".join(f"{name}: {what}" for name, what in study.require.items())
         found.append(
@@ -132,6 +138,7 @@ def _options(study: StudyVerb) -> list[Callable[..., Any]]:
 
 def _run(study: StudyVerb, options: Options, source: str | None, given: dict[str, Any]) -> None:
     quick, workers, require = given.pop("quick", False), given.pop("workers", None), given.pop("require", None)
+    resume = given.pop("resume", False)
     changes = {field: value for field, value in given.items() if value not in (None, ())}
     if study.fixed and options.overrides:
         raise click.UsageError(f"{study.name}: {study.fixed}, so --set has nothing to change")
@@ -144,10 +151,19 @@ def _run(study: StudyVerb, options: Options, source: str | None, given: dict[str
     with _folder(out):
         if study.renders:
             announce_variant(options)
-        how = {**({"workers": workers} if study.workers else {}), **({"out": out} if study.writes else {})}
+        how: dict[str, Any] = {"workers": workers} if study.workers else {}
+        if study.writes:
+            how["out"] = out
+        kept = out / "runs"
+        if study.resume:
+            how["kept"] = kept
+            if not resume:
+                rmtree(kept, ignore_errors=True)
         result = with_progress(options, lambda tell: runs.run(scenario, plan, tell, **how))
         page = import_module(f"{study.package}.page").page(result, _command(study, options, source, quick, changes))
         page.write(out)
+        if study.resume:
+            rmtree(kept, ignore_errors=True)
     options.say(*page.terminal(), f"Report and data: {out / 'report.html'}")
     options.emit({**page.record(), "out": out})
     short = requirement.unmet(condition, result) if requirement else page.unmet.get(require or "", "")

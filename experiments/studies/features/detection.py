@@ -20,8 +20,8 @@ from experiments import chain
 from experiments.chain.executor import pool
 from experiments.chain.progress import Progress
 from experiments.scenario import Scenario
+from experiments.studies.shared.baseline import to_eight_bits
 from experiments.studies.shared.frames import Truth, around_marker, fine_frames
-from experiments.thesis.baseline import to_eight_bits
 from radiometry.geometry import FloatArray
 from radiometry.optics import Camera
 from scenes.marker import MarkerDesign, aruco_dictionary

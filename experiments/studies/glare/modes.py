@@ -20,7 +20,7 @@ from experiments.chain import usable_well_electrons
 from experiments.scenario import Scenario
 from experiments.scenario.presets import presets
 from experiments.studies.glare.fusion import difference, fused
-from experiments.thesis.baseline import baseline_features, to_eight_bits
+from experiments.studies.shared.baseline import baseline_features, to_eight_bits
 from radiometry.filters import Bandpass
 from radiometry.geometry import FloatArray, sun_direction
 from scenes.render.transport import View
@@ -54,7 +54,7 @@ class Mode:
     chaser_radius_m: float = 0.0
     """Radius of the disc, in the plane of the lens and about the axis, that shadows the target [m]; 0 is none."""
     pipeline: Literal["mantis", "thesis"] = "mantis"
-    """Feature extraction: `detector.detect`, or `experiments.thesis.baseline` on 8 bits."""
+    """Feature extraction: `detector.detect`, or `experiments.studies.shared.baseline` on 8 bits."""
 
 
 #: 20 µs: shortest exposure that many global-shutter cameras offer (assumption); 1 ms: one of the budget's exposures.

@@ -8,8 +8,7 @@ import numpy as np
 
 from detector.elements.blobs import MAX_CUT_FRACTION
 from detector.elements.slits import Slits
-from experiments.studies.shared.trackers import Sight
-from experiments.thesis.virtual.targets import Design
+from experiments.studies.shared.trackers import Design, TrackerResult
 from radiometry.geometry import FRONTAL, FloatArray, rotation_angle
 from scenes.marker import MarkerDesign
 from scenes.tags import DotPlate, TagPlate
@@ -64,14 +63,14 @@ class Truth:
             if Slits(self.design, e, camera_m).cut_fraction(float(e.blob_offset_m(camera_m))) <= MAX_CUT_FRACTION
         )
 
-    def judge(self, sight: Sight) -> dict[str, float]:
+    def judge(self, result: TrackerResult) -> dict[str, float]:
         """Values of `VARIABLES`; those that a target does not have are left out."""
         side_m = self.design.aruco_m
         side_px = side_m * float(np.mean(self.view.camera.focal_px)) / self.view.range_m
         error = np.inf
         elsewhere = False
-        if sight.points_px is not None:
-            distance = np.linalg.norm(sight.points_px - self.points_px, axis=1)
+        if result.points_px is not None:
+            distance = np.linalg.norm(result.points_px - self.points_px, axis=1)
             error = float(distance.max())
             bit_px = side_px * self.design.bit_m / side_m
             elsewhere = float(np.sqrt(np.mean(distance**2))) > MISPLACED_BITS * bit_px
@@ -79,30 +78,30 @@ class Truth:
         values = {
             "found": float(found),
             "loss_of_aruco": float(not found),
-            "false_positive": float(sight.other or elsewhere),
+            "false_positive": float(result.other or elsewhere),
         }
         if found:
-            values |= {"point_error_px": error, **self._pose_errors(sight)}
+            values |= {"point_error_px": error, **self._pose_errors(result)}
         if isinstance(self.design, (MarkerDesign, TagPlate)):
             values["wrong_corners"] = float(found and error > WRONG_CORNER * side_px)
-        if sight.blobs is not None:
+        if result.blobs is not None:
             there = self.blobs()
             values |= {
-                "blobs_there": len(there), "blobs_found": len(there & sight.blobs),
-                "loss_of_elements": float(found and not sight.virtual), "no_blob": float(found and not there <= sight.blobs),
+                "blobs_there": len(there), "blobs_found": len(there & result.blobs),
+                "loss_of_elements": float(found and not result.virtual), "no_blob": float(found and not there <= result.blobs),
             }  # fmt: skip
         return values
 
-    def _pose_errors(self, sight: Sight) -> dict[str, float]:
-        if sight.rotation is None or sight.translation_m is None:
+    def _pose_errors(self, result: TrackerResult) -> dict[str, float]:
+        if result.rotation is None or result.translation_m is None:
             return {}
-        off = tilt_deg(sight.rotation) - tilt_deg(self.view.rotation)
+        off = tilt_deg(result.rotation) - tilt_deg(self.view.rotation)
         pitch, yaw = (off + 180) % 360 - 180
-        distance = float(np.linalg.norm(sight.translation_m) - np.linalg.norm(self.view.translation_m))
+        distance = float(np.linalg.norm(result.translation_m) - np.linalg.norm(self.view.translation_m))
         return {
             "pitch_error_deg": float(pitch), "yaw_error_deg": float(yaw), "range_error_m": distance,
-            "attitude_error_deg": float(np.degrees(rotation_angle(self.view.rotation, sight.rotation))),
-            "pitch_sigma_deg": float(np.degrees(sight.sigma_pitch_rad)),
+            "attitude_error_deg": float(np.degrees(rotation_angle(self.view.rotation, result.rotation))),
+            "pitch_sigma_deg": float(np.degrees(result.sigma_pitch_rad)),
         }  # fmt: skip
 
 

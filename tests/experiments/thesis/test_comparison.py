@@ -7,13 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments.thesis.comparison import study
+from experiments.thesis.comparison import page, study
+from experiments.thesis.comparison.plan import QUICK, Plan
+from experiments.thesis.comparison.published import published
 from experiments.thesis.virtual.targets import load
 from radiometry.encoding import RAYLEIGH_MEDIAN
 
 
 def test_every_target_is_run_alike() -> None:
-    plan = study.Plan((2.3, 4.6), (0.0, 30.0), 4)
+    plan = Plan((2.3, 4.6), (0.0, 30.0), 4)
     runs = study.runs(plan)
     assert len(runs) == len(study.TARGETS) * 2
     assert {r.angles_deg for r in runs} == {(-1.5, -0.5, 0.5, 1.5, 28.5, 29.5, 30.5, 31.5)}
@@ -21,7 +23,7 @@ def test_every_target_is_run_alike() -> None:
 
 def test_published_markers_have_sources_and_models_scale_with_pixels() -> None:
     scenario, tilt = load(), np.array([0.0, 45.0])
-    for other in study.published():
+    for other in published():
         assert len(other.source) > 40
         near, far = (other.median_deg(tilt, scenario, size) for size in (60.0, 30.0))
         if other.model:
@@ -30,7 +32,7 @@ def test_published_markers_have_sources_and_models_scale_with_pixels() -> None:
             assert near[1] == pytest.approx(near[0] * np.cos(np.pi / 4))
         else:
             assert near.tolist() == far.tolist() == [other.level_deg] * 2
-    lens, slits = study.published()[:2]
+    lens, slits = published()[:2]
     # The same stripe deviation: a lens's field of 60° against 90° by the slits' depth.
     ratio = lens.median_deg(tilt, scenario, 60.0) / slits.median_deg(tilt, scenario, 60.0)
     assert ratio == pytest.approx(np.tan(np.radians(30)) / np.tan(np.radians(45)))
@@ -41,10 +43,12 @@ def test_published_markers_have_sources_and_models_scale_with_pixels() -> None:
 
 
 def test_seen_squarely_the_mantis_marker_beats_planar_tags_and_writes_so(tmp_path: Path) -> None:
-    page = study.study(tmp_path, "mantis comparison --quick", quick=True, workers=1)
-    assert page.passed
+    told = page.page(study.run(load(), QUICK, workers=1), "mantis comparison --quick")
+    told.write(tmp_path)
+    assert told.passed
     for name in ("comparison.nc", "report.html", "data/comparison-tilt.csv", "figures/comparison-tilt.svg"):
         assert (tmp_path / name).stat().st_size > 0
-    table = {(r[0], r[3]): float(r[4]) for r in page.tables["tilt"][1:]}
+    tilts = next(table for table in told.tables() if table.key == "tilt")
+    table = {(row[0].text, row[3].text): float(row[4].text) for row in tilts.rows}
     assert table["Mantis", "0"] < 0.2 * table["ArUco, best effort", "0"]
     assert table["protrusion (SVMS)", "0"] < 0.2 * table["ArUco, best effort", "0"]

@@ -23,6 +23,7 @@ from experiments.thesis.layout.placement import (
     seen_share,
     smallest_face_m,
 )
+from experiments.thesis.layout.plan import Plan, RenderedCase
 from radiometry.geometry import attitude_matrix
 from radiometry.optics import Camera
 from scenes.face import check_apart, face_view, in_frame
@@ -116,7 +117,7 @@ def test_share_of_directions_within_sight_of_a_marked_face(faces: int) -> None:
         seen_share(4, 50.0)
 
 
-def test_the_ladder_covers_what_no_layout_of_the_thesis_does() -> None:
+def test_nested_rings_cover_what_no_layout_of_the_thesis_does() -> None:
     scenario = load_scenario()
     attitudes = random_attitudes(60, np.random.default_rng(2))
 
@@ -134,7 +135,8 @@ def test_the_ladder_covers_what_no_layout_of_the_thesis_does() -> None:
 
 def test_one_pose_from_all_rendered_markers_beats_the_surest_alone() -> None:
     scenario = load_scenario()
-    plan = study.Plan((1.0,), (1.0,), 2, (("wide", 1.0, (5.0,)),), 1, 4, 60_000)
+    cases = (RenderedCase("wide", 1.0, (5.0,)),)
+    plan = Plan(faces_m=(1.0,), ranges_m=(1.0,), attitudes=2, cases=cases, poses=1, draws=4, rays=60_000)
     rendered = study.rendered(scenario, plan, np.random.default_rng(4))
     assert rendered.sizes["frame"] == 4
     assert (rendered.found >= 4).all()

@@ -34,7 +34,7 @@ SIGMA_PX = 0.2
 
 
 def to_eight_bits(image: ArrayLike, black_dn: float, white_dn: float) -> NDArray[np.uint8]:
-    """An image (H, W) with its black and white level [DN] stretched to 0 and 255."""
+    """An image (height, width) with its black and white level [DN] stretched to 0 and 255."""
     level = (np.asarray(image, float) - black_dn) / (white_dn - black_dn)
     return np.rint(255 * level.clip(0, 1)).astype(np.uint8)
 
@@ -42,7 +42,10 @@ def to_eight_bits(image: ArrayLike, black_dn: float, white_dn: float) -> NDArray
 def baseline_features(image: NDArray[np.uint8], marker: MarkerDesign, refinement: str = "apriltag") -> Features:
     """Corners by `cv2.aruco`, blobs by `cv2.SimpleBlobDetector` in a mask of each element.
 
-    `refinement` of the corners: 'apriltag', or 'subpix' within a window.
+    Args:
+        image: (height, width), 8 bits; of a lens without distortion, which the thesis's pipeline does not know of.
+        marker: the design that is looked for.
+        refinement: of the corners, 'apriltag', or 'subpix' within a window.
 
     Raises:
         ValueError: when the image is not two-dimensional or not of 8 bits, or the refinement is unknown.
@@ -55,7 +58,15 @@ def baseline_features(image: NDArray[np.uint8], marker: MarkerDesign, refinement
     seen = [] if identities is None else [int(k) for k in np.ravel(identities)]
     if marker.identity not in seen:
         reason = f"only identity {seen[0]} seen" if seen else "no marker found"
-        return Features(seen[0] if seen else None, None, None, dict.fromkeys(ELEMENT_NAMES), {}, {}, reason)
+        return Features(
+            identity=seen[0] if seen else None,
+            corners_px=None,
+            corners_covariance_px2=None,
+            blobs_px=dict.fromkeys(ELEMENT_NAMES),
+            blob_sigma_px={},
+            virtual_points_px={},
+            reason=reason,
+        )
     corners = np.reshape(found[seen.index(marker.identity)], (4, 2)).astype(float)
     if refinement == "apriltag":
         corners -= REFINEMENT_SHIFT_PX

@@ -1,4 +1,4 @@
-"""The virtual experiment: its data, its judgement of a sight, its statistics, and a first look that runs."""
+"""The virtual experiment: its data, its judgement of a result, its statistics, and a first look that runs."""
 
 from __future__ import annotations
 
@@ -17,9 +17,10 @@ from experiments import chain
 from experiments.scenario import Scenario
 from experiments.studies.shared import trackers
 from experiments.studies.shared.judge import FAILURES, VARIABLES, WRONG_CORNER, Truth, tilt_deg
-from experiments.studies.shared.trackers import Sight
+from experiments.studies.shared.trackers import TrackerResult
 from experiments.thesis.virtual import summary, targets
-from experiments.thesis.virtual.study import batches, look, quality, study
+from experiments.thesis.virtual.plan import FULL, QUICK
+from experiments.thesis.virtual.study import batches, judge_batch, judged_frames, quality
 from experiments.thesis.virtual.targets import Run
 from radiometry.geometry import attitude_matrix
 from scenes.marker import ELEMENT_NAMES, MarkerDesign
@@ -35,7 +36,7 @@ def scenario() -> Scenario:
 
 
 def test_the_nine_tests_are_those_of_table_8_1() -> None:
-    tests = {run.test: run for run in targets.runs() if run.test}
+    tests = {run.test: run for run in targets.runs(FULL) if run.test}
     assert sorted(tests) == list(range(1, 10))
     assert [tests[k].range_m for k in range(1, 10)] == [3.3, 3.3, 2.3, 2.3, 1.3, 1.3, 2.3, 2.3, 1.3]
     assert [tests[k].rotation for k in (6, 7, 8, 9)] == ["pitch", "both", "both", "pitch"]
@@ -77,14 +78,14 @@ def truth_of(scenario: Scenario, target: str, pitch: float = 20.0) -> Truth:
     return Truth(targets.design(scenario, target), targets.views(targets.cropped(scenario, run), run)[0])
 
 
-def perfect(truth: Truth, **changes: object) -> Sight:
+def perfect(truth: Truth, **changes: object) -> TrackerResult:
     blobs = truth.blobs() if isinstance(truth.design, MarkerDesign) else None
-    sight = Sight(truth.points_px, truth.view.rotation, truth.view.translation_m, blobs, virtual=True)
-    return dataclasses.replace(sight, **changes)
+    result = TrackerResult(truth.points_px, truth.view.rotation, truth.view.translation_m, blobs, virtual=True)
+    return dataclasses.replace(result, **changes)
 
 
 @pytest.mark.parametrize("target", ["mantis", "aruco", "svms"])
-def test_a_perfect_sight_has_no_error_and_no_failure(scenario: Scenario, target: str) -> None:
+def test_a_perfect_result_has_no_error_and_no_failure(scenario: Scenario, target: str) -> None:
     truth = truth_of(scenario, target)
     values = truth.judge(perfect(truth))
     assert values["found"] == 1
@@ -110,14 +111,14 @@ def test_each_failure_mode_is_told_from_the_others(scenario: Scenario) -> None:
     one_off[2] += 1.1 * WRONG_CORNER * side / np.sqrt(2)
     some = frozenset(list(truth.blobs())[:1])
     cases = {
-        "loss_of_aruco": Sight(blobs=frozenset()),
+        "loss_of_aruco": TrackerResult(blobs=frozenset()),
         "wrong_corners": perfect(truth, points_px=one_off),
         "no_blob": perfect(truth, blobs=truth.blobs() - some),
         "false_positive": perfect(truth, other=True),
         "loss_of_elements": perfect(truth, virtual=False),
     }
-    for name, sight in cases.items():
-        values = truth.judge(sight)
+    for name, result in cases.items():
+        values = truth.judge(result)
         assert [mode for mode in FAILURES if values[mode]] == [name], name
     elsewhere = truth.judge(perfect(truth, points_px=truth.points_px + 30.0))
     assert elsewhere["found"] == 0
@@ -143,7 +144,7 @@ def test_what_is_believed_of_a_misplaced_element_is_the_design(scenario: Scenari
 
 
 def test_no_two_frames_share_the_renderers_seed(scenario: Scenario) -> None:
-    runs = targets.runs()
+    runs = targets.runs(FULL)
     assert len({run.number for run in runs}) == len(runs)
     seeds = {quality(scenario, run, k).seed for run in runs[:10] for k in range(50)}
     assert len(seeds) == 500
@@ -195,7 +196,7 @@ def seen(scenario: Scenario) -> dict[str, dict[str, np.ndarray]]:
     found = {}
     plan = [Run(0, name, 2.3, "pitch", (-20.0, 12.0)) for name in ("mantis", "aruco", "svms", "apriltag")]
     for r, batch in batches(scenario, plan):
-        values = look(batch)
+        values = judge_batch(batch)
         for m, method in enumerate(batch.methods):
             found[f"{plan[r].target} {method}"] = dict(zip(VARIABLES, values[:, m], strict=True))
     return found
@@ -229,7 +230,7 @@ def test_a_narrow_ring_misleads_corners_refined_in_a_window_and_a_wide_one_does_
     for r, batch in batches(scenario, plan):
         for draw in range(8):
             only = dataclasses.replace(batch, methods=("inner_aruco",), key=(draw, 0))
-            wrong[plan[r].target] += look(only)[list(VARIABLES).index("wrong_corners"), 0].sum()
+            wrong[plan[r].target] += judge_batch(only)[list(VARIABLES).index("wrong_corners"), 0].sum()
     # Of 88 frames each. One in fourteen is wrong in the full run: then none has a probability of 0.001.
     assert wrong["mantis"] >= 1
     assert wrong["improved"] == 0
@@ -244,25 +245,27 @@ def test_finished_runs_are_not_run_again_and_others_do_not_change(
     scenario: Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     first, second = (Run(0, target, 3.3, "pitch", (-10.0, 10.0)) for target in ("mantis", "svms"))
-    alone = study(scenario, [second], 1)
-    study(scenario, [first], 1, keep=tmp_path)
-    both = study(scenario, [first, second], 1, keep=tmp_path)
+    alone = judged_frames(scenario, [second], workers=1)
+    judged_frames(scenario, [first], workers=1, kept=tmp_path)
+    both = judged_frames(scenario, [first, second], workers=1, kept=tmp_path)
     np.testing.assert_array_equal(both.pitch_error_deg.values[-1], alone.pitch_error_deg.values[0])
-    monkeypatch.setattr("experiments.thesis.virtual.study.look", None)
-    again = study(scenario, [first, second], 1, keep=tmp_path)
+    monkeypatch.setattr("experiments.thesis.virtual.study.judge_batch", None)
+    again = judged_frames(scenario, [first, second], workers=1, kept=tmp_path)
     xr.testing.assert_equal(again, both)
 
 
-def test_a_first_look_writes_everything(
-    mantis: Callable[..., Outcome], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(targets, "QUICK_STEP_DEG", 30.0)
-    status, out, err = mantis("virtual", "--quick", "--json", "--workers", "1", "--out", tmp_path)
+def test_a_first_look_writes_everything(mantis: Callable[..., Outcome], tmp_path: Path) -> None:
+    left = tmp_path / "runs" / "left-over.npy"
+    left.parent.mkdir()
+    left.touch()
+    arguments = ("--quick", "--step", 30, "--json", "--workers", "1", "--out", tmp_path)
+    status, out, err = mantis("virtual", *arguments)
     assert (status, err) == (0, "")
     told = json.loads(out)
-    assert {row["test"] for row in told["tests"]} == {"1", "2", "9"}
+    assert {row["test"] for row in told["tables"]["tests"]} == {"1", "2", "9"}
     for name in ("report.html", "virtual.md", "virtual.nc", "data/virtual.csv", "data/virtual-tests.csv"):
         assert (tmp_path / name).is_file(), name
+    assert not left.parent.exists()
     tree = xr.load_datatree(tmp_path / "virtual.nc", engine="h5netcdf")
     counts = tree["summary"].to_dataset()
     assert set(FAILURES) <= set(counts.data_vars)
@@ -276,3 +279,16 @@ def test_unknown_keys_are_refused(mantis: Callable[..., Outcome]) -> None:
     status, _, err = mantis("virtual", "--quick", "--set", "camera.wdith_px=4")
     assert status == 2
     assert "wdith_px" in err
+
+
+def test_resume_goes_on_from_finished_runs(
+    mantis: Callable[..., Outcome], scenario: Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan = dataclasses.replace(QUICK, tests=(1,), step_deg=30.0)
+    judged_frames(scenario, targets.runs(plan), workers=1, kept=tmp_path / "runs")
+    # Nothing is left to judge.
+    monkeypatch.setattr("experiments.thesis.virtual.study.judge_batch", None)
+    monkeypatch.setattr("experiments.thesis.virtual.plan.QUICK", plan)
+    status, _, err = mantis("virtual", "--quick", "--resume", "--json", "--workers", "1", "--out", tmp_path)
+    assert (status, err) == (0, "")
+    assert not (tmp_path / "runs").exists()

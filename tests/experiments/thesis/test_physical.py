@@ -8,14 +8,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import xarray as xr
-from experiments.reporting.claims import Statement
 
 from detector.calibration.camera import CameraCalibration
 from detector.sensor.noise import NoiseModel
 from experiments import chain
+from experiments.thesis.claims import Claim
 from experiments.thesis.physical import arm, camera, page, study
+from experiments.thesis.physical.claims import claims
 from experiments.thesis.physical.methods import METHODS
+from experiments.thesis.physical.plan import FULL, Plan
+from experiments.thesis.physical.station import CameraModel, StationRates, judge_station
 from radiometry.geometry import FRONTAL
 from radiometry.laboratory import HalogenSpot, LedClusters
 from radiometry.optics import Camera
@@ -33,7 +35,7 @@ def test_scenario_has_what_the_thesis_prints() -> None:
     assert marker.element_length_m == pytest.approx(0.10, rel=0.01)
     assert marker.element_depth_m == pytest.approx(0.01, rel=0.01)
     assert scenario.leds.count * scenario.leds.electrical_power_w == pytest.approx(8.8 * 2.0)
-    passes = arm.stations()
+    passes = arm.stations(FULL)
     assert 2 * len(passes) == 8
 
 
@@ -41,7 +43,7 @@ def test_camera_looks_at_the_marker_from_where_the_arm_holds_it() -> None:
     lab = arm.equipped(arm.load())
     assert isinstance(lab.leds, LedClusters)
     assert isinstance(lab.sun, HalogenSpot)
-    for passing in arm.stations():
+    for passing in arm.stations(FULL):
         for station in passing[::12]:
             view = chain.view(arm.at(lab, station))
             assert view.to_marker(np.zeros(3)) == pytest.approx(station.place_m)
@@ -103,16 +105,13 @@ def test_scaled_images_and_their_camera_agree() -> None:
 
 
 @pytest.fixture(scope="module")
-def outcome() -> study.Outcome:
+def outcome() -> study.PhysicalResult:
     """One pass of three stations, with few chessboards."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(arm, "QUICK_PASSES", 1)
-        patch.setattr(arm, "QUICK_STEPS", 3)
-        patch.setattr(camera, "QUICK_VIEWS", 4)
-        return study.run(arm.load(), quick=True, workers=1)
+    plan = Plan(passes=1, steps=3, binning=16, boards=4, sharpness_px=(0.7, 3.0))
+    return study.run(arm.load(), plan, workers=1)
 
 
-def test_calibration_from_rendered_boards_is_within_its_own_interval(outcome: study.Outcome) -> None:
+def test_calibration_from_rendered_boards_is_within_its_own_interval(outcome: study.PhysicalResult) -> None:
     found, real = outcome.camera.found, outcome.scenario.camera
     truth = np.array([*real.focal_px, *real.principal_point_px, real.k1])
     values = np.array([*found.focal_px, *found.principal_point_px, found.distortion[0]])
@@ -121,7 +120,9 @@ def test_calibration_from_rendered_boards_is_within_its_own_interval(outcome: st
     assert found.views >= 3
 
 
-def test_mantis_is_found_and_right_in_eclipse_and_frames_are_numbered_there_and_back(outcome: study.Outcome) -> None:
+def test_mantis_is_found_and_right_in_eclipse_and_frames_are_numbered_there_and_back(
+    outcome: study.PhysicalResult,
+) -> None:
     frames = outcome.frames
     own = frames.sel(illumination="eclipse", by="mantis")
     assert float(own.found.min()) == 1
@@ -141,24 +142,24 @@ def test_mantis_is_found_and_right_in_eclipse_and_frames_are_numbered_there_and_
     assert float(exposure.sel(illumination="sunlit")) < float(exposure.sel(illumination="eclipse"))
 
 
-def test_page_tells_printed_reproduced_and_right(outcome: study.Outcome, tmp_path: Path) -> None:
-    told = page.study_page(outcome, "mantis physical --quick", quick=True)
-    said: dict[str, Statement] = {f"{s.where}: {s.what}": s for s in told.statements}
+def test_page_tells_printed_reproduced_and_right(outcome: study.PhysicalResult, tmp_path: Path) -> None:
+    told = page.page(outcome, "mantis physical --quick")
+    said: dict[str, Claim] = {f"{s.where}: {s.what}": s for s in claims(outcome)}
     assert said["eq. 7.2: side of the detector"].agrees
     assert said["eq. 7.3: field of view at 24 mm"].reproduced == pytest.approx(42.01, abs=0.005)
-    told.write(tmp_path, xr.DataTree.from_dict({"frames": outcome.frames}))
+    told.write(tmp_path)
     for name in ("physical.nc", "physical.md", "report.html", "data/physical-failures.csv", "figures/physical-yaw.svg"):
         assert (tmp_path / name).stat().st_size > 0
 
 
-def test_frame_is_the_same_whatever_is_run_beside_it(outcome: study.Outcome) -> None:
+def test_frame_is_the_same_whatever_is_run_beside_it(outcome: study.PhysicalResult) -> None:
     lab = arm.equipped(outcome.scenario)
     reference = chain.view(arm.at(lab, arm.nearest()))
     led, sun = next(study.rates(lab, [reference]))
     crop = camera.cropped(camera.solved(outcome.scenario.camera, outcome.camera.found), reference.camera)
-    eye = study.Eye(lab, crop, camera.scaling(outcome.scenario), study.exposures_s(lab, reference, led, sun))
-    work = study.Work(reference, led, sun, (1, 0, 0), {})
-    first, second = study.look(eye, work)[0], study.look(eye, replace(work, levels={1.0: 1e-3}))[0]
+    model = CameraModel(lab, crop, camera.scaling(outcome.scenario), study.exposures_s(lab, reference, led, sun))
+    station = StationRates(reference, led, sun, (1, 0, 0), {})
+    first, second = (judge_station(model, s)[0] for s in (station, replace(station, levels={1.0: 1e-3})))
     assert np.array_equal(first, second, equal_nan=True)
 
 

@@ -7,10 +7,11 @@ import pytest
 
 from experiments.scenario import load_scenario
 from experiments.thesis.fov import closed_form, figures, page, study
+from experiments.thesis.fov.plan import Plan
 from scenes.marker import MarkerDesign
 
-PLAN = study.Plan((2.0,), (-30.0, 0.0, 30.0), 1, (-40.0, -20.0, 0.0, 30.0, 50.0, 70.0), 300_000)
-SMALL = study.Plan((2.0,), (-30.0, 0.0, 30.0), 1, (-30.0, 0.0, 30.0), 100_000)
+PLAN = Plan((2.0,), (-30.0, 0.0, 30.0), 1, (-40.0, -20.0, 0.0, 30.0, 50.0, 70.0), 300_000)
+SMALL = Plan((2.0,), (-30.0, 0.0, 30.0), 1, (-30.0, 0.0, 30.0), 100_000)
 
 
 def test_limits_of_the_design_are_those_of_the_thesis_without_a_margin() -> None:
@@ -27,7 +28,7 @@ def test_fields_of_opposite_elements_are_mirror_images() -> None:
     for one, other in (("top", "bottom"), ("left", "right")):
         for seen in (
             lambda n: closed_form.seen(found, n, pitch, yaw),
-            lambda n: closed_form.ellipse_5_20(found, n, pitch, yaw, True),
+            lambda n: closed_form.in_ellipse(found, n, pitch, yaw, True),
         ):
             assert np.array_equal(seen(one), seen(other)[::-1, ::-1])
             assert seen(one).any()
@@ -53,12 +54,9 @@ def test_rendered_light_follows_the_slit_model_and_blobs_are_found_within_the_li
             assert (light[dark] < 0.02 * light[seen].min()).all()
 
 
-def test_the_page_holds_statements_and_tables_of_a_small_run() -> None:
-    import xarray as xr
-
-    scenario = load_scenario()
-    tree = xr.DataTree.from_dict({"map": study.map_of(scenario, SMALL), "cut": study.cut_of(scenario, SMALL)})
-    said = page.statements(tree, scenario)
+def test_the_page_holds_claims_and_tables_of_a_small_run() -> None:
+    result = study.run(load_scenario(), SMALL)
+    tree, said = result.data, page.claims(result)
     printed = {s.what: s for s in said if s.printed}
     assert printed["field of an element"].agrees
     assert printed["longitudinal field of the marker"].agrees is False
