@@ -21,5 +21,7 @@ def plain_table(title: str, header: Sequence[str], *rows: Sequence[object]) -> R
 
 
 def text_table(table: Table) -> RichTable:
-    """A table of a page."""
-    return plain_table(table.caption, table.headings, *([cell.text for cell in row] for row in table.rows))
+    """A table of a page, with the columns that a terminal is to show."""
+    columns = table.terminal_columns or range(len(table.headings))
+    rows = ([row[k].text for k in columns] for row in table.rows)
+    return plain_table(table.caption, [table.headings[k] for k in columns], *rows)
