@@ -12,7 +12,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from synthetic import NOISE, electrons, expose, pose_at
 
-from experiments.thesis.baseline import baseline_features, to_eight_bits
+from experiments.studies.shared.baseline import baseline_features, to_eight_bits
 from radiometry.geometry import FloatArray
 from radiometry.optics import Camera
 from scenes.marker import MarkerDesign

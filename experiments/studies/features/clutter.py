@@ -9,8 +9,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from detector.features import find_features
-from detector.sensor.noise import noise_of
+from detector.detect import detect
 from detector.sensor.sensor import expose
 from experiments import chain
 from experiments.chain.executor import pool
@@ -34,11 +33,15 @@ LEVELS = (0.01, 1.5)
 
 @dataclass(frozen=True)
 class Batch:
-    """Frames of one kind to be made and looked at."""
+    """Frames of one kind to be made and searched.
+
+    Attributes:
+        rates: electron rates (height, width) that were rendered [e⁻/s]; None where frames are drawn.
+    """
 
     scenario: Scenario
     kind: str
-    rates: FloatArray | None  # rendered, (height, width) [electrons/s]; None: drawn
+    rates: FloatArray | None
     count: int
     seed: int
 
@@ -52,17 +55,22 @@ def false_markers(batch: Batch) -> tuple[int, int]:
         rate = _turned(batch.rates, rng) if batch.rates is not None else _drawn(batch.kind, batch.scenario, rng)
         level = np.exp(rng.uniform(*np.log(LEVELS))) * sensor.full_well_electrons
         frame = expose(sensor, rate * (level / max(float(np.median(rate)), 1e-3 * float(rate.max()))), 1.0, rng).dn
-        noise, ring_m = noise_of(batch.scenario.sensor, frame), batch.scenario.leds.ring_radius_m
-        found = find_features(frame, marker, camera, noise, ring_m)
+        ring_m = batch.scenario.leds.ring_radius_m
+        found = detect(frame, marker, camera, sensor=sensor, led_ring_radius_m=ring_m).features
         own += found.detected
         other += not found.detected and found.identity is not None
     return own, other
 
 
-def study(
-    scenario: Scenario, frames: int, renders: int, workers: int | None = None, progress: Progress | None = None,
+def run(
+    scenario: Scenario,
+    frames: int,
+    renders: int,
+    *,
     cut: int = QUARTER,
-) -> xr.Dataset:  # fmt: skip
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> xr.Dataset:
     """Frames, and false markers among them, by kind and by their size.
 
     Args:
@@ -99,9 +107,10 @@ def study(
             other[kind] += seen[1]
     camera, dims = scenario.camera, ("size_px", "kind")
     names = {
-        "frames": (counts, "frames without the marker"), "false": (own, "frames with a false marker"),
+        "frames": (counts, "frames without the marker"),
+        "false": (own, "frames with a false marker"),
         "false_other": (other, "frames with another identity named"),
-    }  # fmt: skip
+    }
     return xr.Dataset(
         {n: (dims, [[c[k] for k in KINDS]], {"units": "1", "long_name": label}) for n, (c, label) in names.items()},
         {"kind": list(KINDS), "size_px": [f"{camera.width_px} × {camera.height_px}"]},

@@ -12,24 +12,6 @@ from experiments.reporting.figures import BLACK, COLOURS, MARKERS, new_figure
 from experiments.studies.features.detection import AT_PX_PER_BIT
 from experiments.studies.features.tables import BIAS_PX, RATIO, ratios, rms_over_blobs
 
-CAPTIONS = {
-    "scatter": "Scatter over noise draws, over the Cramér–Rao bound, against range; one line a pitch. Dashed: the target, 1.5.",
-    "bias": "Mean error over noise and sub-pixel positions against pitch: worst corner and worst blob. Dashed: the target.",
-    "bound": "Bounds (lines) and scatter (markers) against range at each pitch.",
-    "detection": "Frames with the marker found, with 95 % binomial intervals: against size at 'auto' exposure (dashed: 2 px/bit) "
-    "and against contrast. Every detector of a family sees the same frames.",
-}
-
-
-def figures(accuracy: xr.Dataset, detection: xr.Dataset) -> dict[str, Figure]:
-    """Every figure by the name of its caption."""
-    return {
-        "scatter": scatter_figure(accuracy),
-        "bias": bias_figure(accuracy),
-        "bound": bound_figure(accuracy),
-        "detection": detection_figure(detection),
-    }
-
 
 def _lines(axes: Axes, x: xr.DataArray, values: xr.DataArray, over: str, label: str, scale: float = 1.0) -> None:
     """One line for each coordinate of the dimension `over`."""

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from detector.calibration.camera import CameraCalibration
 from detector.sensor.noise import NoiseModel
 from experiments.scenario import Scenario
+from experiments.studies.shared.baseline import to_eight_bits
 from experiments.studies.shared.calibrations import camera_from_images, rendered_boards
-from experiments.thesis.baseline import to_eight_bits
 from experiments.thesis.physical.arm import table
 from radiometry.geometry import FloatArray
 from radiometry.optics import Camera

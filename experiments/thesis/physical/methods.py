@@ -10,8 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from detector.features import Features, find_features
-from experiments.studies.shared.trackers import Shot, Sight, aruco_thesis, inner_aruco, ml_sight, thesis
-from experiments.thesis.baseline import to_eight_bits
+from experiments.studies.shared.baseline import to_eight_bits
+from experiments.studies.shared.trackers import (
+    TrackerFrame,
+    TrackerResult,
+    aruco_thesis,
+    inner_aruco,
+    of_features,
+    thesis,
+)
 from scenes.marker import ELEMENT_NAMES, MarkerDesign
 
 #: Methods by name, and what they are called.
@@ -28,7 +35,7 @@ PAIR = "pair"
 
 
 @dataclass(frozen=True)
-class LabShot(Shot):
+class LabShot(TrackerFrame):
     """A frame of the laboratory's camera, whose eight bits are the upper ones of its own scale."""
 
     @property
@@ -37,21 +44,21 @@ class LabShot(Shot):
         return to_eight_bits(self.image, self.noise.offset_dn, self.noise.saturation_dn)
 
 
-def sights(shot: LabShot) -> Iterator[tuple[str, Sight]]:
+def sights(shot: LabShot) -> Iterator[tuple[str, TrackerResult]]:
     """What every one of `METHODS` makes of a single frame."""
     marker, camera = cast(MarkerDesign, shot.design), shot.camera
     features = _features(shot)
-    yield "mantis", ml_sight(features, marker, camera)
+    yield "mantis", of_features(features, marker, camera)
     bare = replace(features, blobs_px=dict.fromkeys(ELEMENT_NAMES), blob_sigma_px={}, virtual_points_px={})
-    yield "inner", replace(ml_sight(bare, marker, camera), blobs=None)
+    yield "inner", replace(of_features(bare, marker, camera), blobs=None)
     yield "thesis", thesis(shot)
     yield "thesis_inner", aruco_thesis(shot)
     yield "window_inner", inner_aruco(shot)
 
 
-def of_pair(shot: LabShot) -> Sight:
+def of_pair(shot: LabShot) -> TrackerResult:
     """What this project's detector makes of a difference."""
-    return ml_sight(_features(shot), cast(MarkerDesign, shot.design), shot.camera)
+    return of_features(_features(shot), cast(MarkerDesign, shot.design), shot.camera)
 
 
 def _features(shot: LabShot) -> Features:

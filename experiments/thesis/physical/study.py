@@ -22,8 +22,9 @@ from experiments import chain
 from experiments.chain.executor import pool
 from experiments.chain.progress import Progress
 from experiments.scenario import Scenario
-from experiments.studies.shared.judge import VARIABLES, Truth, tilt_deg
-from experiments.studies.shared.trackers import Sight
+from experiments.studies.shared.judge import VARIABLES, judge, tilt_deg
+from experiments.studies.shared.trackers import TrackerResult
+from experiments.studies.shared.truth import Truth
 from experiments.thesis.physical import arm
 from experiments.thesis.physical.camera import (
     Calibrated,
@@ -144,15 +145,15 @@ def look(eye: Eye, work: Work) -> tuple[FloatArray, FloatArray]:
     return result, levels
 
 
-def _judged(truth: Truth, sight: Sight) -> list[float]:
+def _judged(truth: Truth, sight: TrackerResult) -> list[float]:
     """Values of `KEPT`; NaN where there is none."""
-    values = truth.judge(sight)
+    values = judge(truth, sight)
     values["yaw_deg"] = float(tilt_deg(truth.view.rotation)[1]) + values.get("yaw_error_deg", np.nan)
     values["virtual"] = float(sight.virtual)
     return [values.get(name, np.nan) for name in KEPT]
 
 
-def _found(eye: Eye, dn: np.ndarray, view: View) -> dict[str, Sight]:
+def _found(eye: Eye, dn: np.ndarray, view: View) -> dict[str, TrackerResult]:
     """What `COMPARED` and those before them make of a full frame."""
     shot, _ = next(eye.shots(dn, view))
     return dict(islice(sights(shot), list(METHODS).index(COMPARED[-1]) + 1))

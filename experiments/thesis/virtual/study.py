@@ -24,9 +24,10 @@ from experiments import chain
 from experiments.chain.executor import cores, pool
 from experiments.chain.progress import Progress
 from experiments.scenario import Scenario
-from experiments.studies.shared.judge import VARIABLES, Truth
-from experiments.studies.shared.trackers import METHODS, Shot, methods_of
-from experiments.thesis.virtual.targets import Design, Run, believed, cropped, design, exposure_s, views
+from experiments.studies.shared.judge import VARIABLES, judge
+from experiments.studies.shared.trackers import METHODS, Design, TrackerFrame, methods_of
+from experiments.studies.shared.truth import Truth
+from experiments.thesis.virtual.targets import Run, believed, cropped, design, exposure_s, views
 from radiometry.geometry import FloatArray
 from radiometry.optics import Camera
 from scenes.atomic import atomic_write
@@ -77,9 +78,9 @@ def look(batch: Batch) -> FloatArray:
         noise = noise_of(batch.scenario.sensor, image)
         assert isinstance(noise, NoiseModel)
         truth = Truth(batch.design, view)
-        shot = Shot(image, batch.believed, view.camera, noise, view.leds.ring_radius_m, truth.points_px)
+        shot = TrackerFrame(image, batch.believed, view.camera, noise, view.leds.ring_radius_m, truth.points_px)
         for m, name in enumerate(batch.methods):
-            values = truth.judge(METHODS[name][0](shot))
+            values = judge(truth, METHODS[name][0](shot))
             result[:, m, k] = [values.get(variable, np.nan) for variable in VARIABLES]
     return result
 

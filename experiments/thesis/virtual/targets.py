@@ -14,12 +14,11 @@ import numpy as np
 
 from experiments import chain
 from experiments.scenario import Scenario, load_data, overridden, set_key
+from experiments.studies.shared.trackers import Design
 from radiometry.geometry import FloatArray
 from scenes.marker import MarkerDesign
 from scenes.tags import DotPlate, TagPlate, view_of
 from scenes.view import View
-
-Design = MarkerDesign | TagPlate | DotPlate
 
 #: Steps of the angles [deg]: in full, as the thesis has it, and for a first look.
 STEP_DEG, QUICK_STEP_DEG = 0.1, 6.0
