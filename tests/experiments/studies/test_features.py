@@ -201,7 +201,7 @@ def test_the_page_and_its_files_say_what_was_found(tmp_path: Path) -> None:
     assert shown.passed
     assert shown.unmet == {}
     text = (tmp_path / "features.md").read_text(encoding="utf-8")
-    assert text.index("## Verdict") < text.index("targets met") < text.index("## Scatter")
+    assert text.index("targets met") < text.index("## Verdict") < text.index("## Scatter")
     assert "Made by `mantis features --quick`" in text
     for line in text.splitlines():
         if line.startswith("!["):
