@@ -47,15 +47,14 @@ def test_features() -> None:
 
     Rationale for the bounds: without rectification a corner is off by 0.04 px, the range by 2.7 mm.
     """
-    from experiments.studies.features.accuracy import measure
+    from experiments.studies.features.accuracy import ShiftedFrames, measure
     from experiments.studies.shared.frames import Case
 
     tilted = ("range_m=1", "target.pitch_deg=20", "target.yaw_deg=3")
     shifts = np.array([[0.1, -0.3], [-0.4, 0.2]])
     for overrides in (tilted, (*tilted, STRONG_DISTORTION)):
         case = Case.of(load_scenario(overrides=overrides))
-        images = np.array([case.fine.image(tuple(s)) for s in shifts])
-        errors = measure(case.scenario, case.truth, images, shifts, case.exposure.seconds, 3, seed=5)
+        errors = measure(ShiftedFrames.of(case, shifts), 3, seed=5)
         assert np.isfinite(errors.corners).all()
         assert np.abs(errors.corners.mean(axis=(0, 1))).max() < 0.02
         assert np.nanmax(np.abs(np.nanmean(errors.blobs, axis=(0, 1)))) < 0.05

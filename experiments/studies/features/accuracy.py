@@ -55,28 +55,57 @@ PER_ELEMENT = frozenset(name for name in VARIABLES if name.startswith("blob_") a
 
 
 @dataclass(frozen=True)
-class Errors:
-    """Errors (shifts, draws, coordinates) of one geometry's frames, NaN where not found, and what is stated of them."""
+class ShiftedFrames:
+    """One geometry at some sub-pixel positions, before it is exposed.
 
-    corners: FloatArray  # 8 [px]
+    Attributes:
+        rates: electron rates (shifts, height, width) [e⁻/s].
+        shifts_px: positions (shifts, 2).
+        seconds: exposure.
+    """
+
+    scenario: Scenario
+    truth: Truth
+    rates: FloatArray
+    shifts_px: FloatArray
+    seconds: float
+
+    @classmethod
+    def of(cls, case: Case, shifts_px: FloatArray) -> ShiftedFrames:
+        """A case at some positions (shifts, 2)."""
+        rates = np.array([case.fine.image(tuple(s)) for s in shifts_px])
+        return cls(case.scenario, case.truth, rates, shifts_px, case.exposure.seconds)
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Errors (shifts, draws, coordinates) of one geometry's frames, NaN where not found, and what is stated of them.
+
+    Attributes:
+        corners: of eight coordinates [px].
+        blobs: of four blobs along their elements [px].
+        pose: rotation vector [rad], then the translation [m], six together.
+        corners_sigma, blobs_sigma, pose_sigma: standard deviations that detector and pose solver state.
+    """
+
+    corners: FloatArray
     corners_sigma: FloatArray
-    blobs: FloatArray  # 4, along the elements [px]
+    blobs: FloatArray
     blobs_sigma: FloatArray
-    pose: FloatArray  # 6: rotation vector [rad], then the translation turned into the true line of sight [m]
+    pose: FloatArray
     pose_sigma: FloatArray
 
 
-def measure(
-    scenario: Scenario, truth: Truth, images: FloatArray, shifts: FloatArray, seconds: float, draws: int, seed: int
-) -> Errors:
-    """Errors over noise draws: each image (shifts, height, width) [electrons/s] is exposed `draws` times and searched."""
-    shape = (len(images), draws)
+def measure(frames: ShiftedFrames, draws: int, seed: int) -> Errors:
+    """Errors over noise draws: the frame at each position is exposed `draws` times and searched."""
+    scenario, shape = frames.scenario, (len(frames.rates), draws)
     sizes = {"corners": 8, "corners_sigma": 8, "blobs": 4, "blobs_sigma": 4, "pose": 6, "pose_sigma": 6}
     out = {name: np.full((*shape, size), np.nan) for name, size in sizes.items()}
     rng = np.random.default_rng(seed)
     for i, j in np.ndindex(shape):
-        frame = expose(scenario.sensor, images[i], seconds, rng).dn
-        _errors(scenario, truth, frame, tuple(shifts[i]), {name: values[i, j] for name, values in out.items()})
+        image = expose(scenario.sensor, frames.rates[i], frames.seconds, rng).dn
+        here = {name: values[i, j] for name, values in out.items()}
+        _errors(scenario, frames.truth, image, tuple(frames.shifts_px[i]), here)
     return Errors(**out)
 
 
@@ -170,20 +199,29 @@ def bounds_of(case: Case, illumination: str) -> dict[str, FloatArray]:
     before, after, step = case.beside(illumination)
     corners = corner_bound(case.fine, marker, truth.corners_px, case.exposure, shift)
     blobs = [
-        blob_bound(case.fine, before, after, step, marker, e, truth.corners_px, case.exposure, shift)
-        * float(np.linalg.norm(truth.along_px[e.name]))
-        for e in marker.elements
+        blob_bound(
+            fine=case.fine,
+            before=before,
+            after=after,
+            step_m=step,
+            marker=marker,
+            element=element,
+            corners_px=truth.corners_px,
+            exposure=case.exposure,
+            shift_px=shift,
+        )
+        * float(np.linalg.norm(truth.along_px[element.name]))
+        for element in marker.elements
     ]
-    view = truth.view
     pose = pose_bound(
-        case.fine,
-        case.orbit(illumination),
-        marker,
-        view.camera,
-        view.translation_m,
-        truth.corners_px,
-        case.exposure,
-        shift,
+        fine=case.fine,
+        orbit=case.orbit(illumination),
+        marker=marker,
+        camera=truth.view.camera,
+        translation_m=truth.view.translation_m,
+        corners_px=truth.corners_px,
+        exposure=case.exposure,
+        shift_px=shift,
     )
     return {"corners": np.sqrt(np.diag(corners)), "blobs": np.array(blobs), "pose": np.sqrt(np.diag(pose))}
 
@@ -201,9 +239,7 @@ def run(scenario: Scenario, plan: Plan, workers: int | None = None, progress: Pr
                 progress(k, len(grid), f"{range_m:g} m, {pitch:g}°")
             target = {**scenario.target.model_dump(), "pitch_deg": pitch}
             case = Case.of(scenario.at(range_m=range_m, target=target, illumination=illumination), illumination)
-            images = np.array([case.fine.image(tuple(s)) for s in places])
-            seed = scenario.seed + k
-            job = submit(case.scenario, case.truth, images, places, case.exposure.seconds, plan.draws, seed)
+            job = submit(ShiftedFrames.of(case, places), plan.draws, scenario.seed + k)
             waiting.append((case, job, bounds_of(case, illumination)))
         rows = [summarise(case, job.result(), bounds) for case, job, bounds in waiting]
     return _dataset(grid, rows)

@@ -143,12 +143,16 @@ def _foil(scenario: Scenario, rng: np.random.Generator) -> FloatArray:
     # Foil from one side of the frame to the other, and somewhat less now and then.
     face_m = float(range_m * rng.uniform(0.25, 0.6))
     target = {
-        **scenario.target.model_dump(), "face_m": max(face_m, 0.05), "facet_m": face_m / int(rng.integers(15, 150)),
-        "facet_slope_deg": float(rng.uniform(1, 8)), "facet_seed": int(rng.integers(2**31)),
-        "pitch_deg": float(rng.uniform(-35, 35)), "yaw_deg": float(rng.uniform(-35, 35)),
+        **scenario.target.model_dump(),
+        "face_m": max(face_m, 0.05),
+        "facet_m": face_m / int(rng.integers(15, 150)),
+        "facet_slope_deg": float(rng.uniform(1, 8)),
+        "facet_seed": int(rng.integers(2**31)),
+        "pitch_deg": float(rng.uniform(-35, 35)),
+        "yaw_deg": float(rng.uniform(-35, 35)),
         "roll_deg": float(rng.uniform(-180, 180)),
         "face_material": ("mli_foil", "mli_bare", "aluminium", "white_paint")[int(rng.integers(4))],
-    }  # fmt: skip
+    }
     sun = {"phase_deg": float(rng.uniform(0, 90)), "azimuth_deg": float(rng.uniform(-180, 180))}
     marker = {**MarkerDesign().model_dump(), "size_m": NO_MARKER_M}
     render = {**scenario.render.model_dump(), "marker_rays": 10_000, "frame_samples": 2}
@@ -166,8 +170,11 @@ def _drawn(kind: str, scenario: Scenario, rng: np.random.Generator) -> FloatArra
     """A drawn frame (height, width), relative brightness, blurred as by the lens."""
     shape = scenario.camera.height_px, scenario.camera.width_px
     draw = {
-        "polygons": _polygons, "chessboard": _chessboard, "speckle": _speckle, "text and stripes": _text,
-    }  # fmt: skip
+        "polygons": _polygons,
+        "chessboard": _chessboard,
+        "speckle": _speckle,
+        "text and stripes": _text,
+    }
     image = _other_identities(shape, scenario.marker, rng) if kind == "other identities" else draw[kind](shape, rng)
     sigma = max(scenario.camera.psf_sigma_px, 0.3) * float(rng.uniform(1, 2))
     return np.maximum(cv2.GaussianBlur(image, (0, 0), sigma), 0.0)
@@ -251,7 +258,7 @@ def _text(shape: tuple[int, int], rng: np.random.Generator) -> FloatArray:
         word = "".join(chr(c) for c in rng.integers(33, 126, 6))
         x, y = (int(v) for v in rng.uniform((0, 0), shape[::-1]))
         font, scale, weight = int(rng.integers(0, 8)), float(rng.uniform(0.3, 3)), int(rng.integers(1, 5))
-        cv2.putText(ink, word, (x, y), font, scale, int(rng.integers(40, 256)), weight)
+        cv2.putText(ink, word, (x, y), font, scale, color=int(rng.integers(40, 256)), thickness=weight)
     image = _ground(shape, rng) * np.exp(ink.astype(np.float32) / 128 * float(rng.choice((-1, 1))))
     row, column = np.mgrid[: shape[0], : shape[1]].astype(np.float32)
     angle, pitch = rng.uniform(0, np.pi), rng.uniform(3, 30)

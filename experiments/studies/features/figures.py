@@ -95,9 +95,15 @@ def detection_figure(found: xr.Dataset) -> Figure:
                 low, high = binomial_interval(values, frames)
                 rate = values / frames
                 axis.errorbar(
-                    found[along], 100 * rate, 100 * np.maximum([rate - low, high - rate], 0.0), color=COLOURS[k % 8],
-                    marker=MARKERS[k % 8], capsize=2, linewidth=1.0, label=f"{detector}, {family}",
-                )  # fmt: skip
+                    found[along],
+                    100 * rate,
+                    100 * np.maximum([rate - low, high - rate], 0.0),
+                    color=COLOURS[k % 8],
+                    marker=MARKERS[k % 8],
+                    capsize=2,
+                    linewidth=1.0,
+                    label=f"{detector}, {family}",
+                )
             k += 1
     axes[0, 0].set(xlabel="pixels per bit [px]", ylabel="found [%]")
     axes[0, 1].set(xlabel=f"contrast-to-noise ratio at {found.attrs['px_per_bit_of_cnr']:g} px/bit", xscale="log")

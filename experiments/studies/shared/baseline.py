@@ -59,7 +59,15 @@ def baseline_features(image: NDArray[np.uint8], marker: MarkerDesign, refinement
     seen = [] if identities is None else [int(k) for k in np.ravel(identities)]
     if marker.identity not in seen:
         reason = f"only identity {seen[0]} seen" if seen else "no marker found"
-        return Features(seen[0] if seen else None, None, None, dict.fromkeys(ELEMENT_NAMES), {}, {}, reason)
+        return Features(
+            identity=seen[0] if seen else None,
+            corners_px=None,
+            corners_covariance_px2=None,
+            blobs_px=dict.fromkeys(ELEMENT_NAMES),
+            blob_sigma_px={},
+            virtual_points_px={},
+            reason=reason,
+        )
     corners = np.reshape(found[seen.index(marker.identity)], (4, 2)).astype(float)
     if refinement == "apriltag":
         corners -= REFINEMENT_SHIFT_PX

@@ -54,9 +54,13 @@ def _dense(scenario: Scenario, rays: int) -> Scenario:
     camera = scenario.camera
     width, height = camera.width_px * SAMPLES, camera.height_px * SAMPLES
     fine = {
-        "width_px": width, "height_px": height, "pixel_pitch_x_m": camera.pixel_pitch_x_m / SAMPLES,
-        "pixel_pitch_y_m": camera.pixel_pitch_y_m / SAMPLES, "psf_sigma_px": 0.0, "focus_m": None,
-    }  # fmt: skip
+        "width_px": width,
+        "height_px": height,
+        "pixel_pitch_x_m": camera.pixel_pitch_x_m / SAMPLES,
+        "pixel_pitch_y_m": camera.pixel_pitch_y_m / SAMPLES,
+        "psf_sigma_px": 0.0,
+        "focus_m": None,
+    }
     budget = int(np.clip(rays * width * height, 10_000, 50_000_000))
     render = {**scenario.render.model_dump(), "frame_samples": 2, "marker_rays": budget}
     return scenario.at(camera={**camera.model_dump(), **fine}, render=render)

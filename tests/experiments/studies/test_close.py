@@ -91,7 +91,7 @@ def test_closed_form_is_the_chains(study: close.ClosureResult, sets: Sets, range
         (leds * rates.led_background[0, 0, column], eclipse.background_rate, eclipse.signal_rate),
         (rates.sun_signal[0, sun, column], of_sun[0], of_sun[0]),
         (rates.sun_background[0, sun, column], of_sun[1], of_sun[0]),
-    ]  # fmt: skip
+    ]
     for mine, chains, scale in pairs:
         assert abs(mine - chains) < tolerance * scale
 

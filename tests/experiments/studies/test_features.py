@@ -59,8 +59,7 @@ def test_corners_blobs_and_pose_scatter_near_their_bounds_and_without_bias(tilte
     case = Case.of(tilted)
     bounds = accuracy.bounds_of(case, "eclipse")
     shifts = np.random.default_rng(2).uniform(-0.5, 0.5, (6, 2))
-    images = np.array([case.fine.image(tuple(s)) for s in shifts])
-    errors = accuracy.measure(case.scenario, case.truth, images, shifts, case.exposure.seconds, 10, seed=3)
+    errors = accuracy.measure(accuracy.ShiftedFrames.of(case, shifts), 10, seed=3)
     values = accuracy.summarise(case, errors, bounds)
     assert values["found"] == 1.0
     seen = np.asarray(values["blob_found"]) == 1.0
