@@ -39,6 +39,7 @@ class PlanOption:
         kind: click's type.
         help: one line.
         multiple: whether it may be given many times; the field is then a tuple.
+        value: what the field becomes, for an option without a value of its own; `kind` is then not used.
     """
 
     flag: str
@@ -46,6 +47,21 @@ class PlanOption:
     kind: Any
     help: str
     multiple: bool = False
+    value: Any = None
+
+    @property
+    def option(self) -> Callable[..., Any]:
+        """The option as click has it."""
+        if self.value is not None:
+            return click.option(self.flag, self.field, flag_value=self.value, default=None, help=self.help)
+        return click.option(self.flag, self.field, type=self.kind, multiple=self.multiple, help=self.help)
+
+    def typed(self, value: Any) -> list[str]:
+        """The option as typed for a value of the field."""
+        if self.value is not None:
+            return [self.flag]
+        values = value if self.multiple else [value]
+        return [f"{self.flag} {one:g}" if isinstance(one, float) else f"{self.flag} {one}" for one in values]
 
 
 @dataclass(frozen=True)
@@ -57,11 +73,11 @@ class StudyVerb:
         package: of the study, say ``experiments.studies.glare``.
         help: of the verb: what it does, how long it takes, what it writes.
         source: the metavar of the argument that names the scenario; empty where the study has a scenario of its own.
-        load: dotted path of a function (overrides, seed) -> scenario for a study with a scenario of its own, or
-            (source, overrides, seed) where there is a `source`; empty for `Options.scenario`.
+        load: dotted path of a function that gives what the study runs on; empty for `Options.scenario`. It is called with
+            (source, overrides, seed) where there is a `source`, with (overrides, seed) for a study with a scenario of its own.
         fixed: why `--set` has nothing to change; empty where it has.
         quick: what `--quick` does; empty where there is no such option.
-        renders: whether it needs the renderer.
+        renders: whether it needs the renderer. Where the plan has a field `render`, that must be true as well.
         workers: whether it can use several processes.
         require: conditions of `--require`, each with what it asks.
         condition: what `--require` takes where it is free text; see above.
@@ -113,7 +129,7 @@ def _options(study: StudyVerb) -> list[Callable[..., Any]]:
     if study.quick:
         found.append(click.option("--quick", is_flag=True, help=study.quick))
     for o in study.plan:
-        found.append(click.option(o.flag, o.field, type=o.kind, multiple=o.multiple, help=o.help))
+        found.append(o.option)
     if study.workers:
         found.append(
             click.option(
@@ -149,7 +165,7 @@ def _run(study: StudyVerb, options: Options, source: str | None, given: dict[str
     condition = requirement.parse(require, scenario) if requirement else None
     out = options.out or Path("out") / study.name
     with _folder(out):
-        if study.renders:
+        if study.renders and getattr(plan, "render", True):
             announce_variant(options)
         how: dict[str, Any] = {"workers": workers} if study.workers else {}
         if study.writes:
@@ -189,17 +205,15 @@ def _scenario(study: StudyVerb, options: Options, source: str | None) -> Any:
     if not study.load:
         return options.scenario(source)
     module, _, function = study.load.rpartition(".")
-    named = (source,) if study.source else ()
-    return getattr(import_module(module), function)(*named, options.overrides, options.seed)
+    sources = (source,) if study.source else ()
+    return getattr(import_module(module), function)(*sources, options.overrides, options.seed)
 
 
 def _command(study: StudyVerb, options: Options, source: str | None, quick: bool, changes: dict[str, Any]) -> str:
     """The command line that makes the page again, without its folder."""
     words = [f"mantis {study.name}", *([source] if source else []), *(["--quick"] if quick else [])]
     for o in study.plan:
-        values = changes.get(o.field, ())
-        for value in values if o.multiple else [values] if o.field in changes else []:
-            words.append(f"{o.flag} {value:g}" if isinstance(value, float) else f"{o.flag} {value}")
+        words += o.typed(changes[o.field]) if o.field in changes else []
     words += [f"--set {override}" for override in options.overrides]
     words += [f"--seed {options.seed}"] if options.seed is not None else []
     return " ".join(words)

@@ -34,7 +34,7 @@ import pytest
 from experiments.cli import main as cli
 from experiments.reporting.page import Page
 from experiments.scenario import load_scenario
-from experiments.studies.close.constraints import load_constraints
+from experiments.studies.close.constraints import load_problem
 from experiments.studies.sweep.study import load_sweep
 from materials import library
 
@@ -124,7 +124,7 @@ def test_mantis_lines_parse(block: Block, line: str, monkeypatch: pytest.MonkeyP
     parsed = command.make_context(command.name, list(words), parent=context.parent)
     overrides = tuple(parsed.params.get("overrides") or ())
     if command.name == "close":
-        load_constraints(None, overrides)  # keys of its own, beside the scenario's
+        load_problem(None, overrides)  # keys of its own, beside the scenario's
         overrides = tuple(o for o in overrides if not o.startswith("close."))
     if overrides and "plan" not in parsed.params and "exits" not in block.said:
         load_scenario(overrides=tuple(o for o in overrides if ".toml" not in o))

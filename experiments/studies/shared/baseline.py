@@ -12,9 +12,13 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from detector.detect import Detection
 from detector.features import Features
 from detector.pattern.pattern import homography, project
+from detector.pose.pose import solve_pose
+from detector.rectify import ideal_camera, in_the_image, rectified
 from radiometry.geometry import FloatArray
+from radiometry.optics import Camera
 from scenes.marker import ELEMENT_NAMES, MarkerDesign, aruco_dictionary
 
 #: Margin kept from an element's edges, over the ArUco side (thesis, equations 5.1–5.4).
@@ -85,6 +89,23 @@ def baseline_features(image: NDArray[np.uint8], marker: MarkerDesign, refinement
         virtual_points_px=_virtual_points(corners, blobs, marker),
         reason="; ".join(missing) or None,
     )
+
+
+def baseline_detect(image: NDArray[np.uint8], marker: MarkerDesign, camera: Camera) -> Detection:
+    """The pipeline's features with this project's pose solver; the image of a distorted lens is rectified first.
+
+    Args:
+        image: (height, width) of 8 bits.
+        camera: its size must be the image's.
+
+    Returns:
+        Features at their places in the image, and the pose in the camera's frame.
+    """
+    ideal = ideal_camera(camera) if camera.distorted else camera
+    seen = np.rint(rectified(image, camera, ideal, None)).astype(np.uint8) if camera.distorted else image
+    features = baseline_features(seen, marker)
+    pose = solve_pose(features, marker, ideal) if features.detected else None
+    return Detection(in_the_image(features, camera, ideal) if camera.distorted else features, pose)
 
 
 @lru_cache(maxsize=4)

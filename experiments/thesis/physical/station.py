@@ -14,8 +14,9 @@ from detector.sensor.noise import NoiseModel, sensor_noise
 from detector.sensor.pair import difference
 from detector.sensor.sensor import expose
 from experiments.scenario import Scenario
-from experiments.studies.shared.judge import VARIABLES, Truth, tilt_deg
+from experiments.studies.shared.judge import VARIABLES, judge, tilt_deg
 from experiments.studies.shared.trackers import TrackerResult, rectify
+from experiments.studies.shared.truth import Truth
 from experiments.thesis.physical.camera import Scaling, SolvedCamera, camera_of
 from experiments.thesis.physical.methods import METHODS, PAIR, LabFrame, of_pair, results
 from radiometry.geometry import FloatArray
@@ -148,7 +149,7 @@ def judge_station(camera: CameraModel, station: StationRates) -> tuple[FloatArra
 
 def _judged(truth: Truth, result: TrackerResult) -> list[float]:
     """Values of `KEPT`; NaN where there is none."""
-    values = truth.judge(result)
+    values = judge(truth, result)
     values["yaw_deg"] = float(tilt_deg(truth.view.rotation)[1]) + values.get("yaw_error_deg", np.nan)
     values["virtual"] = float(result.virtual)
     return [values.get(name, np.nan) for name in KEPT]

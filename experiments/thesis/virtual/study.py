@@ -24,8 +24,9 @@ from experiments import chain
 from experiments.chain.executor import cores, pool
 from experiments.chain.progress import Progress
 from experiments.scenario import Scenario
-from experiments.studies.shared.judge import VARIABLES, Truth
+from experiments.studies.shared.judge import VARIABLES, judge
 from experiments.studies.shared.trackers import METHODS, Design, TrackerFrame, methods_of, rectify
+from experiments.studies.shared.truth import Truth
 from experiments.thesis.virtual.bounds import bounds
 from experiments.thesis.virtual.plan import Plan
 from experiments.thesis.virtual.summary import summarise
@@ -89,7 +90,7 @@ def judge_batch(batch: Batch) -> FloatArray:
             truth_px=truth.points_px,
         )
         for m, name in enumerate(batch.methods):
-            values = truth.judge(METHODS[name][0](frame))
+            values = judge(truth, METHODS[name][0](frame))
             result[:, m, k] = [values.get(variable, np.nan) for variable in VARIABLES]
     return result
 

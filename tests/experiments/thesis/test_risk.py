@@ -14,7 +14,7 @@ from scipy import stats
 
 from experiments.scenario import Scenario
 from experiments.studies.glare.failures import failure_rows
-from experiments.studies.glare.study import FULL
+from experiments.studies.glare.plan import FULL
 from experiments.studies.shared import failures, judge
 from experiments.thesis.risk import study
 from experiments.thesis.risk.page import page
@@ -196,7 +196,7 @@ def test_verb_gives_json_and_takes_no_keys(mantis: Mantis, tmp_path: Path) -> No
 
 
 def test_glare_counts_failures_of_frames_against_what_stands_in_its_opening() -> None:
-    scenario, stands = Scenario(), FULL.stands
+    scenario, attitudes = Scenario(), FULL.attitudes
     side_px = scenario.marker.aruco_m * max(scenario.camera.focal_px) / 5.0
     blobs = np.zeros((1, 1, 1, 1, 4, 4))
     blobs[..., 1, 1:] = np.nan  # one blob alone
@@ -212,9 +212,9 @@ def test_glare_counts_failures_of_frames_against_what_stands_in_its_opening() ->
     data = {name: (dims, np.reshape(v, (1, 1, 1, 1, 4))) for name, v in values.items()}
     dataset = xr.Dataset(
         {**data, "blob_error_px": ((*dims, "element"), blobs)},
-        {"mode": ["single"], "range_m": [5.0], "phase_deg": [10.0], "stand": ("frame", [0, 0, 0, 0])},
+        {"mode": ["single"], "range_m": [5.0], "phase_deg": [10.0], "attitude": ("frame", [0, 0, 0, 0])},
     )
-    head, told = failure_rows(dataset, scenario, stands)
+    head, told = failure_rows(dataset, scenario, attitudes)
     cells = dict(zip(head, told, strict=True))
     assert [cells[name] for name in failures.MODES.values()] == ["1", "1", "1", "1", "1"]
     assert cells["frames"] == "4"

@@ -16,8 +16,9 @@ from hypothesis import strategies as st
 from experiments import chain
 from experiments.scenario import Scenario
 from experiments.studies.shared import trackers
-from experiments.studies.shared.judge import FAILURES, VARIABLES, WRONG_CORNER, Truth, tilt_deg
+from experiments.studies.shared.judge import FAILURES, VARIABLES, WRONG_CORNER, judge, tilt_deg
 from experiments.studies.shared.trackers import TrackerResult
+from experiments.studies.shared.truth import Truth
 from experiments.thesis.virtual import summary, targets
 from experiments.thesis.virtual.plan import FULL, QUICK
 from experiments.thesis.virtual.study import batches, judge_batch, judged_frames, quality
@@ -79,7 +80,7 @@ def truth_of(scenario: Scenario, target: str, pitch: float = 20.0) -> Truth:
 
 
 def perfect(truth: Truth, **changes: object) -> TrackerResult:
-    blobs = truth.blobs() if isinstance(truth.design, MarkerDesign) else None
+    blobs = truth.blobs_in_openings if isinstance(truth.design, MarkerDesign) else None
     result = TrackerResult(truth.points_px, truth.view.rotation, truth.view.translation_m, blobs, virtual=True)
     return dataclasses.replace(result, **changes)
 
@@ -87,7 +88,7 @@ def perfect(truth: Truth, **changes: object) -> TrackerResult:
 @pytest.mark.parametrize("target", ["mantis", "aruco", "svms"])
 def test_a_perfect_result_has_no_error_and_no_failure(scenario: Scenario, target: str) -> None:
     truth = truth_of(scenario, target)
-    values = truth.judge(perfect(truth))
+    values = judge(truth, perfect(truth))
     assert values["found"] == 1
     assert values["pitch_error_deg"] == pytest.approx(0, abs=1e-9)
     assert values["range_error_m"] == pytest.approx(0, abs=1e-12)
@@ -98,7 +99,7 @@ def test_a_perfect_result_has_no_error_and_no_failure(scenario: Scenario, target
 def test_errors_are_measured_minus_true(scenario: Scenario) -> None:
     truth = truth_of(scenario, "mantis", pitch=20.0)
     turned = attitude_matrix(np.radians(23.0), 0.0)
-    values = truth.judge(perfect(truth, rotation=turned, translation_m=np.array([0, 0, 2.31])))
+    values = judge(truth, perfect(truth, rotation=turned, translation_m=np.array([0, 0, 2.31])))
     assert values["pitch_error_deg"] == pytest.approx(3.0)
     assert values["attitude_error_deg"] == pytest.approx(3.0)
     assert values["range_error_m"] == pytest.approx(0.01)
@@ -109,18 +110,18 @@ def test_each_failure_mode_is_told_from_the_others(scenario: Scenario) -> None:
     side = truth.design.aruco_m * scenario.camera.focal_px[0] / 2.3
     one_off = truth.points_px.copy()
     one_off[2] += 1.1 * WRONG_CORNER * side / np.sqrt(2)
-    some = frozenset(list(truth.blobs())[:1])
+    some = frozenset(list(truth.blobs_in_openings)[:1])
     cases = {
         "loss_of_aruco": TrackerResult(blobs=frozenset()),
         "wrong_corners": perfect(truth, points_px=one_off),
-        "no_blob": perfect(truth, blobs=truth.blobs() - some),
+        "no_blob": perfect(truth, blobs=truth.blobs_in_openings - some),
         "false_positive": perfect(truth, other=True),
         "loss_of_elements": perfect(truth, virtual=False),
     }
     for name, result in cases.items():
-        values = truth.judge(result)
+        values = judge(truth, result)
         assert [mode for mode in FAILURES if values[mode]] == [name], name
-    elsewhere = truth.judge(perfect(truth, points_px=truth.points_px + 30.0))
+    elsewhere = judge(truth, perfect(truth, points_px=truth.points_px + 30.0))
     assert elsewhere["found"] == 0
     assert elsewhere["false_positive"] == elsewhere["loss_of_aruco"] == 1
 

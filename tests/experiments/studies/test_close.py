@@ -17,28 +17,29 @@ from experiments import chain
 from experiments.scenario import Scenario, ScenarioError
 from experiments.studies.close import confirm as close_confirm
 from experiments.studies.close import page as close_page
-from experiments.studies.close import report as close_report
 from experiments.studies.close import study as close
-from experiments.studies.close.constraints import UNCERTAIN, Constraints, at_life, load_constraints
+from experiments.studies.close.constraints import UNCERTAIN, Constraints, Problem, at_life, load_problem
 from experiments.studies.close.form import FINE_DIFFERENCE, PHASE_DIFFERENCE, Sets, closed_form
-from experiments.studies.close.search import RADIOMETRIC, fly, margins, pareto, sets_of
-from experiments.studies.close.sensitivity import interval, ladder, probability
+from experiments.studies.close.plan import FULL
+from experiments.studies.close.search import RADIOMETRIC, Point, margins, operate, pareto, sets_of
+from experiments.studies.close.sensitivity import interval, probability, scheduled
 
-DOCS = Path(__file__).parents[2] / "docs"
+DOCS = Path(__file__).parents[3] / "docs"
 _NUMBER = re.compile(r"(?<![\w.])\d+(?:[.,]\d+)*(?:×10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)?")
 
 
 @pytest.fixture(scope="module")
 def limits() -> tuple[Constraints, Scenario]:
-    return load_constraints()
+    problem = load_problem()
+    return problem.constraints, problem.base
 
 
 @pytest.fixture(scope="module")
-def study(limits: tuple[Constraints, Scenario]) -> close.Study:
-    return close.study(*limits)
+def study(limits: tuple[Constraints, Scenario]) -> close.ClosureResult:
+    return close.run(Problem(*limits), replace(FULL, render=False))
 
 
-def _chain_scenario(study: close.Study, sets: Sets, range_m: float, phase_deg: float = 45.0) -> Scenario:
+def _chain_scenario(study: close.ClosureResult, sets: Sets, range_m: float, phase_deg: float = 45.0) -> Scenario:
     """The chain's scenario of a single set."""
     base = study.base
     tape = study.form.tapes[int(sets.tape[0])]
@@ -75,7 +76,7 @@ def _one(tape: int, size: int, focal_m: float, f_number: float, leds: int) -> Se
         (_one(1, 6, 0.0475, 6.3, 10), 15.0),
     ],
 )
-def test_closed_form_is_the_chains(study: close.Study, sets: Sets, range_m: float) -> None:
+def test_closed_form_is_the_chains(study: close.ClosureResult, sets: Sets, range_m: float) -> None:
     """Closely where a bit has four pixels; below, the chain's marker stands at one of the sub-pixel phases averaged."""
     form, rates = study.form, study.form.rates(sets)
     column, sun = list(form.ranges_m).index(range_m), 1 + list(form.phases_deg).index(45.0)
@@ -90,20 +91,20 @@ def test_closed_form_is_the_chains(study: close.Study, sets: Sets, range_m: floa
         (leds * rates.led_background[0, 0, column], eclipse.background_rate, eclipse.signal_rate),
         (rates.sun_signal[0, sun, column], of_sun[0], of_sun[0]),
         (rates.sun_background[0, sun, column], of_sun[1], of_sun[0]),
-    ]  # fmt: skip
+    ]
     for mine, chains, scale in pairs:
         assert abs(mine - chains) < tolerance * scale
 
-    flown = fly(form, sets, study.constraints)
-    seconds = float(flown.pulse_s[0, sun, column])
+    operating = operate(form, sets, study.constraints)
+    seconds = float(operating.pulse_s[0, sun, column])
     at = lit.at(seconds)
-    assert float(flown.smear_px[0, sun, column]) == pytest.approx(at["smear_px"], rel=1e-9)
-    assert float(flown.cnr[0, sun, column]) == pytest.approx(at["cnr"], rel=2 * tolerance)
-    assert float(flown.full_well_fraction[0, sun, column]) == pytest.approx(at["full_well_fraction"], rel=tolerance)
-    assert float(flown.energy_j[0, sun, column]) == pytest.approx(float(scenario.leds.energy_per_frame_j(seconds)))
+    assert float(operating.smear_px[0, sun, column]) == pytest.approx(at["smear_px"], rel=1e-9)
+    assert float(operating.cnr[0, sun, column]) == pytest.approx(at["cnr"], rel=2 * tolerance)
+    assert float(operating.full_well_fraction[0, sun, column]) == pytest.approx(at["full_well_fraction"], rel=tolerance)
+    assert float(operating.energy_j[0, sun, column]) == pytest.approx(float(scenario.leds.energy_per_frame_j(seconds)))
 
 
-def test_phase_average_is_the_mean_of_the_chains_over_phases(study: close.Study) -> None:
+def test_phase_average_is_the_mean_of_the_chains_over_phases(study: close.ClosureResult) -> None:
     """Rationale: a detector of an odd number of pixels, or a slightly different range, puts the bits on other phases."""
     sets = _one(2, 8, 0.0425, 5.0, 100)
     ranges = 17.0 + np.arange(6) / 6
@@ -123,7 +124,7 @@ def test_phase_average_is_the_mean_of_the_chains_over_phases(study: close.Study)
     assert max(np.abs(signal).max(), np.abs(background).max()) < PHASE_DIFFERENCE
 
 
-def test_proposed_sets_meet_every_constraint(study: close.Study) -> None:
+def test_proposed_sets_meet_every_constraint(study: close.ClosureResult) -> None:
     constraints, face = study.constraints, study.base.target.face_m
     assert len(study.found.closing) > 50
     for p in study.found.closing:
@@ -133,11 +134,11 @@ def test_proposed_sets_meet_every_constraint(study: close.Study) -> None:
         assert p.power_w <= constraints.average_power_w
         assert p.fewest_leds <= p.led_count in constraints.led_counts
         assert p.power_w == pytest.approx(p.energy_j * 5.0)  # 5 deg/s in steps of 1 deg
-    assert study.lead == max(study.proposed, key=lambda p: p.margin)
+    assert study.recommended == max(study.proposed, key=lambda p: p.margin)
     assert {p.size_m for p in study.proposed} == {p.size_m for p in study.found.front}
 
 
-def test_no_closing_set_beats_one_of_the_front(study: close.Study) -> None:
+def test_no_closing_set_beats_one_of_the_front(study: close.ClosureResult) -> None:
     def objectives(p: Any) -> np.ndarray:
         return np.array([p.power_w, p.size_m, p.focal_length_m])
 
@@ -152,97 +153,100 @@ def test_no_closing_set_beats_one_of_the_front(study: close.Study) -> None:
 @settings(deadline=None, derandomize=True, max_examples=40)
 @given(st.lists(st.tuples(*[st.integers(1, 4)] * 3), min_size=1, max_size=12))
 def test_pareto_front_of_any_cloud(cloud: list[tuple[int, int, int]]) -> None:
-    blank = close.Point("t", 0.0, 0.0, 1.0, 1, 1, {}, ("", 0.0), 0.0, 0.0, 0.0)
+    blank = Point("t", 0.0, 0.0, 1.0, 1, 1, {}, ("", 0.0), 0.0, 0.0, 0.0)
     sets = tuple(replace(blank, power_w=float(a), size_m=float(b), focal_length_m=float(c)) for a, b, c in cloud)
     front = {(p.power_w, p.size_m, p.focal_length_m) for p in pareto(sets)}
     expected = {p for p in cloud if not any(all(x <= y for x, y in zip(q, p, strict=True)) and q != p for q in cloud)}
     assert front == expected
 
 
-def test_a_set_beside_the_front_fails_as_its_margins_say(study: close.Study) -> None:
+def test_a_set_beside_the_front_fails_as_its_margins_say(study: close.ClosureResult) -> None:
     """A shorter lens loses sampling, a longer one the frame, a wider pupil the focus, fewer LEDs the Sun or the glint."""
-    lead = study.lead
-    assert lead is not None
+    point = study.recommended
+    assert point is not None
     for change, criterion in (
-        ({"focal_length_m": lead.focal_length_m * 0.97}, "sampling"),
-        ({"focal_length_m": lead.focal_length_m * 1.03}, "frame"),
-        ({"f_number": lead.f_number * 0.9}, "focus"),
+        ({"focal_length_m": point.focal_length_m * 0.97}, "sampling"),
+        ({"focal_length_m": point.focal_length_m * 1.03}, "frame"),
+        ({"f_number": point.f_number * 0.9}, "focus"),
         ({"led_count": 10}, "sun"),
     ):
-        sets = sets_of(study.form, replace(lead, **change))
-        found = margins(study.form, sets, study.constraints, fly(study.form, sets, study.constraints))
+        sets = sets_of(study.form, replace(point, **change))
+        found = margins(study.form, sets, study.constraints, operate(study.form, sets, study.constraints))
         assert found[criterion].min() < 1
 
 
-def test_ladder_half_fills_the_well_at_the_shortest_pulse_or_longer(study: close.Study, limits: Any) -> None:
+def test_schedule_half_fills_the_well_at_the_shortest_pulse_or_longer(study: close.ClosureResult, limits: Any) -> None:
     constraints, base = limits
-    assert len(study.rungs) == 4 * len(constraints.ranges_m)
-    assert {r.leds for r in study.rungs} == {study.lead.led_count if study.lead else 0}
+    assert len(study.schedule) == 4 * len(constraints.ranges_m)
+    assert {r.leds for r in study.schedule} == {study.recommended.led_count if study.recommended else 0}
     slow = base.at(auto_exposure={**base.auto_exposure.model_dump(), "shortest_s": 2e-5})
-    assert study.lead is not None
-    form = closed_form(slow, constraints, True, (study.lead.tape,), (study.lead.size_m,))
-    flown = fly(form, sets_of(form, study.lead), constraints)
-    assert flown.leds.min() < study.lead.led_count
-    assert flown.leds.max() == study.lead.led_count
-    assert np.all(flown.leds == np.floor(flown.leds))
-    assert flown.pulse_s.min() >= 2e-5
-    assert flown.full_well_fraction == pytest.approx(np.full(flown.pulse_s.shape, 0.5), rel=1e-9)
+    assert study.recommended is not None
+    form = closed_form(slow, constraints, True, (study.recommended.tape,), (study.recommended.size_m,))
+    operating = operate(form, sets_of(form, study.recommended), constraints)
+    assert operating.leds.min() < study.recommended.led_count
+    assert operating.leds.max() == study.recommended.led_count
+    assert np.all(operating.leds == np.floor(operating.leds))
+    assert operating.pulse_s.min() >= 2e-5
+    assert operating.full_well_fraction == pytest.approx(np.full(operating.pulse_s.shape, 0.5), rel=1e-9)
 
 
-def test_following_exposure_keeps_saturation_and_a_frozen_one_does_not(study: close.Study) -> None:
-    lead, form, constraints = study.lead, study.form, study.constraints
-    assert lead is not None
+def test_following_exposure_keeps_saturation_and_a_fixed_one_does_not(study: close.ClosureResult) -> None:
+    point, form, constraints = study.recommended, study.form, study.constraints
+    assert point is not None
     bright = sets_of(
-        form, lead, {"retro": np.array([2.0]), "tape_diffuse": np.array([2.0]), "absorber": np.array([2.0])}
+        form, point, {"retro": np.array([2.0]), "tape_diffuse": np.array([2.0]), "absorber": np.array([2.0])}
     )
-    follows, frozen = fly(form, bright, constraints), fly(form, bright, constraints, ladder(form, lead, constraints))
+    follows, fixed = (
+        operate(form, bright, constraints),
+        operate(form, bright, constraints, scheduled(form, point, constraints)),
+    )
     assert follows.full_well_fraction == pytest.approx(np.full(follows.pulse_s.shape, 0.5))
     # Twice the reflectance, LEDs and Sun alike, twice the charge; 2 % is the Sun's own retro lobe at small phases.
-    assert frozen.full_well_fraction == pytest.approx(np.full(follows.pulse_s.shape, 1.0), rel=0.02)
+    assert fixed.full_well_fraction == pytest.approx(np.full(follows.pulse_s.shape, 1.0), rel=0.02)
 
 
-def test_every_uncertainty_that_matters_moves_a_margin(study: close.Study) -> None:
+def test_every_uncertainty_that_matters_moves_a_margin(study: close.ClosureResult) -> None:
     assert study.tornado is not None
     assert len(study.tornado.bars) == len(study.constraints.uncertainties) == len(UNCERTAIN)
     bars = {b.name: b for b in study.tornado.bars}
     keys = {u.key: u.name for u in study.constraints.uncertainties}
-    assert bars[keys["full_well"]].frozen == pytest.approx((0.7, 3.5), rel=0.01)
+    assert bars[keys["full_well"]].fixed == pytest.approx((0.7, 3.5), rel=0.01)
     assert bars[keys["foil_lobe"]].following[1] < study.tornado.following
-    assert bars[keys["foil_lobe"]].frozen == pytest.approx((study.tornado.frozen,) * 2)
+    assert bars[keys["foil_lobe"]].fixed == pytest.approx((study.tornado.fixed,) * 2)
     low, high = bars[keys["retro_life"]].following
     assert low < study.tornado.following < high
-    assert study.tornado.frozen == pytest.approx(0.7 / 0.5)
+    assert study.tornado.fixed == pytest.approx(0.7 / 0.5)
 
 
-def test_probability_of_closure_is_that_of_the_draws(study: close.Study, limits: Any) -> None:
+def test_probability_of_closure_is_that_of_the_draws(study: close.ClosureResult, limits: Any) -> None:
     constraints, _ = limits
-    lead = study.lead
-    assert lead is not None
+    point = study.recommended
+    assert point is not None
     sure = constraints.model_copy(update={"uncertainties": ()})
-    certain = probability(study.form, lead, sure, 200, np.random.default_rng(1), "as assumed")
-    assert (certain.following, certain.frozen) == (1.0, 1.0)
-    # Full well alone, ×0.5 to ×2.5: the frozen ladder saturates below 0.5/0.7.
+    certain = probability(study.form, point, sure, 200, np.random.default_rng(1), "as assumed")
+    assert (certain.following, certain.fixed) == (1.0, 1.0)
+    # Full well alone, ×0.5 to ×2.5: the exposure set beforehand saturates below 0.5/0.7.
     [well] = [u for u in constraints.uncertainties if u.key == "full_well"]
     only = constraints.model_copy(update={"uncertainties": (well,)})
-    drawn = probability(study.form, lead, only, 4000, np.random.default_rng(2), "full well alone")
+    drawn = probability(study.form, point, only, 4000, np.random.default_rng(2), "full well alone")
     expected = np.log(well.high / (0.5 / 0.7)) / np.log(well.high / well.low)
-    low, high = drawn.frozen_ci95
+    low, high = drawn.fixed_ci95
     assert low - 0.01 < expected < high + 0.01  # the 1 % covers the share of saturation that background adds
     assert drawn.following == 1.0
     for p in study.probabilities:
-        assert p.frozen <= p.by_range[1].min() + 1e-12
+        assert p.fixed <= p.by_range[1].min() + 1e-12
         assert p.following_ci95 == interval(p.following, p.draws)
         assert sum(p.failing[n][0] for n in RADIOMETRIC) >= 1 - p.following - 0.01
 
 
-def test_thesis_hardware_ends_where_its_sampling_does(study: close.Study) -> None:
-    fixed, plain, *changes = study.hardware
+def test_thesis_hardware_ends_where_its_sampling_does(study: close.ClosureResult) -> None:
+    as_exposed, following, *changes = study.hardware
     camera, marker = study.base.camera, study.base.marker
     frontal_m = marker.bit_m * camera.focal_length_m / camera.pixel_pitch_x_m / study.base.requirement.px_per_bit_min
-    assert plain.reach_m == pytest.approx(frontal_m * np.cos(np.radians(study.constraints.tilt_deg)))
-    assert plain.closing_m[-1] == 9.0
-    assert fixed.closing_m == ()
-    assert fixed.failing["saturation"] < 1e-3
+    assert following.reach_m == pytest.approx(frontal_m * np.cos(np.radians(study.constraints.tilt_deg)))
+    assert following.closing_m[-1] == 9.0
+    assert as_exposed.closing_m == ()
+    assert as_exposed.failing["saturation"] < 1e-3
     assert study.minimal is not None
     assert study.minimal.point is not None
     assert {c.name: (c.closes, c.allowed) for c in changes} == {
@@ -253,13 +257,13 @@ def test_thesis_hardware_ends_where_its_sampling_does(study: close.Study) -> Non
     }
 
 
-def test_confirmation_renders_what_closes_and_what_does_not(study: close.Study) -> None:
-    assert study.lead is not None
+def test_confirmation_renders_what_closes_and_what_does_not(study: close.ClosureResult) -> None:
+    assert study.recommended is not None
     view = study.constraints.confirm.views[0].model_copy(update={"ranges_m": (20.0,)})
     confirm = study.constraints.confirm.model_copy(update={"views": (view,), "trials": 2})
     constraints = study.constraints.model_copy(update={"confirm": confirm})
-    short = replace(study.lead, focal_length_m=0.02)
-    records = close_confirm.confirm(((study.lead, study.base), (short, study.base)), constraints, workers=1)
+    short = replace(study.recommended, focal_length_m=0.02)
+    records = close_confirm.confirm(((study.recommended, study.base), (short, study.base)), constraints, workers=1)
     good, bad = close_confirm.summarise(records)
     assert [r["illumination"] for r in records] == ["eclipse", "sunlit"] * 2
     assert good.confirmed
@@ -268,8 +272,8 @@ def test_confirmation_renders_what_closes_and_what_does_not(study: close.Study) 
     assert good.found_low == pytest.approx(0.05**0.25)
     assert not bad.confirmed
     assert set(bad.fails) >= {"detection"}
-    text = close_report.tables(study, records)["confirmation"]
-    assert len(text.splitlines()) == 1 + len(records)
+    page = close_page.page(replace(study, records=tuple(records)), "mantis close")
+    assert len(page.files["data/closure-confirmation.csv"].splitlines()) == 1 + len(records)
 
 
 def _value(text: str) -> float:
@@ -277,10 +281,10 @@ def _value(text: str) -> float:
     return float(plain.replace("×10", "e"))
 
 
-def test_committed_page_says_what_the_closed_form_gives(study: close.Study) -> None:
+def test_committed_page_says_what_the_closed_form_gives(study: close.ClosureResult) -> None:
     """Words must be the same, and numbers but for a unit of their third digit; the frames are those of the committed table."""
-    records = close_report.read_records(DOCS / "data" / "closure-confirmation.csv")
-    made = close_page.page(study, close_confirm.summarise(records))
+    records = close_confirm.read_records(DOCS / "data" / "closure-confirmation.csv")
+    made = close_page.page(replace(study, records=tuple(records)), "mantis close").markdown()
     committed = (DOCS / "closure.md").read_text(encoding="utf-8")
     assert _NUMBER.sub("#", committed).split() == _NUMBER.sub("#", made).split()
     pairs = list(zip(_NUMBER.findall(committed), _NUMBER.findall(made), strict=True))
@@ -294,9 +298,9 @@ def test_committed_page_says_what_the_closed_form_gives(study: close.Study) -> N
 
 
 def test_verb_writes_report_page_and_tables(
-    study: close.Study, mantis: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    study: close.ClosureResult, mantis: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(close, "study", lambda *_: study)
+    monkeypatch.setattr(close, "run", lambda *_, **__: study)
     status, output, _ = mantis("close", "--no-render", "--json", "-o", tmp_path)
     assert status == 0
     said = json.loads(output)
@@ -306,7 +310,7 @@ def test_verb_writes_report_page_and_tables(
     assert "Pareto" in page
     assert "not confirmed by rendering" in page
     assert (tmp_path / "closure.md").is_file()
-    assert len(list((tmp_path / "figures").glob("closure_*.svg"))) == 5
+    assert len(list((tmp_path / "figures").glob("closure-*.svg"))) == 5
     assert (tmp_path / "data" / "closure-sets.csv").read_text(encoding="utf-8").count("\n") == 1 + len(
         study.found.closing
     )
@@ -337,6 +341,6 @@ def test_a_search_that_finds_nothing_says_so(mantis: Any, tmp_path: Path) -> Non
 )
 def test_wrong_constraints_are_refused_in_one_line(override: str, message: str) -> None:
     with pytest.raises(ScenarioError) as error:
-        load_constraints(None, (override,))
+        load_problem(None, (override,))
     assert message in str(error.value)
     assert "\n" not in str(error.value)

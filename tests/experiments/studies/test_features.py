@@ -11,7 +11,8 @@ from scipy.stats import binom
 
 from experiments.chain.statistics import binomial_interval
 from experiments.scenario import Scenario, load_scenario
-from experiments.studies.features import accuracy, clutter, detection, study, tables
+from experiments.studies.features import accuracy, clutter, detection, page, study, tables
+from experiments.studies.features.plan import QUICK, Plan
 from experiments.studies.shared.calibrations import Trial
 from experiments.studies.shared.frames import Case, around_marker
 from scenes.marker import ELEMENT_NAMES
@@ -58,8 +59,7 @@ def test_corners_blobs_and_pose_scatter_near_their_bounds_and_without_bias(tilte
     case = Case.of(tilted)
     bounds = accuracy.bounds_of(case, "eclipse")
     shifts = np.random.default_rng(2).uniform(-0.5, 0.5, (6, 2))
-    images = np.array([case.fine.image(tuple(s)) for s in shifts])
-    errors = accuracy.measure(case.scenario, case.truth, images, shifts, case.exposure.seconds, 10, seed=3)
+    errors = accuracy.measure(accuracy.ShiftedFrames.of(case, shifts), 10, seed=3)
     values = accuracy.summarise(case, errors, bounds)
     assert values["found"] == 1.0
     seen = np.asarray(values["blob_found"]) == 1.0
@@ -92,7 +92,15 @@ def test_a_shifted_frame_shows_the_shifted_marker(tilted: Scenario) -> None:
 
 
 def test_every_detector_sees_a_large_bright_marker_and_ours_a_small_one() -> None:
-    found = detection.study(Scenario(), 1, 1, 2, px_per_bit=(2.0, 6.0), cnr=(20.0,), workers=0)
+    plan = Plan(
+        attitudes=1,
+        attitude_shifts=1,
+        attitude_draws=2,
+        attitudes_at_target=1,
+        px_per_bit=(2.0, 6.0),
+        cnr=(20.0,),
+    )
+    found = detection.run(Scenario(), plan, workers=0)
     assert found.frames_by_size.values.tolist() == found.frames_by_cnr.values.tolist() * 2 == [2, 2]
     for family in detection.FAMILIES:
         for name in detection.finders(family):
@@ -111,7 +119,7 @@ def test_exposures_give_the_contrast_asked_for(tilted: Scenario) -> None:
 
 def test_marker_free_frames_of_every_kind_hold_no_marker() -> None:
     small = load_scenario(None, ("camera.width_px=512", "camera.height_px=384"))
-    parts = [clutter.study(small, 40, 2, workers=0), clutter.study(small, 20, 2, workers=0, cut=clutter.WHOLE)]
+    parts = [clutter.run(small, 40, 2, workers=0), clutter.run(small, 20, 2, workers=0, cut=clutter.WHOLE)]
     free = xr.concat(parts, "size_px")
     assert free.size_px.values.tolist() == ["256 × 192", "512 × 384"]
     assert free.frames.sum("kind").values.tolist() == [40, 20]
@@ -186,10 +194,13 @@ def test_verdicts_follow_the_figures() -> None:
 def test_the_page_and_its_files_say_what_was_found(tmp_path: Path) -> None:
     sets = judged(1.4, 0.04, 798, 0)
     trials = {"camera": [Trial("focal length, columns", "px", 2347.67, 2347.9, 0.2)]}
-    result = study.Result(Scenario(), study.QUICK, *sets, trials)
-    study.write(result, tmp_path, "mantis features --quick")
+    result = study.FeaturesResult(Scenario(), QUICK, *sets, trials)
+    shown = page.page(result, "mantis features --quick")
+    shown.write(tmp_path)
+    assert shown.passed
+    assert shown.unmet == {}
     text = (tmp_path / "features.md").read_text(encoding="utf-8")
-    assert text.index("## Verdict") < text.index("targets met") < text.index("## Scatter")
+    assert text.index("targets met") < text.index("## Verdict") < text.index("## Scatter")
     assert "Made by `mantis features --quick`" in text
     for line in text.splitlines():
         if line.startswith("!["):
@@ -197,6 +208,9 @@ def test_the_page_and_its_files_say_what_was_found(tmp_path: Path) -> None:
     assert {p.name for p in (tmp_path / "data").iterdir()} == {
         f"features-{n}.csv" for n in ("accuracy", "blobs", "detection", "clutter", "calibration")
     }
+    report = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "targets met" in report
+    assert report.count("<svg") >= 4
     with xr.open_dataset(tmp_path / "features.nc", engine="h5netcdf") as data:
         assert {"corner_bound_px", "found_by_size", "frames"} <= set(data.data_vars)
         assert "scenario_hash" in data.attrs

@@ -11,10 +11,13 @@ import pytest
 
 from experiments.cli.main import main
 from experiments.scenario import ScenarioError, load_scenario
-from experiments.studies.materials import page as materials_page
+from experiments.studies.materials.page import as_csv, page
+from experiments.studies.materials.plan import FULL, Plan
+from experiments.studies.materials.study import MaterialRow, MaterialsResult, run
 from materials import library
+from materials.goniometer import goniometer_scan
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 OWN = """
 title = "my tape"
 source = "my bench"
@@ -27,11 +30,16 @@ albedo = 0.25
 
 
 @pytest.fixture(scope="module")
-def rows() -> list[materials_page.MaterialRow]:
-    return materials_page.run()
+def library_result() -> MaterialsResult:
+    return run(FULL)
 
 
-def test_there_is_a_row_for_every_material_with_its_source(rows: list[materials_page.MaterialRow]) -> None:
+@pytest.fixture(scope="module")
+def rows(library_result: MaterialsResult) -> tuple[MaterialRow, ...]:
+    return library_result.rows
+
+
+def test_there_is_a_row_for_every_material_with_its_source(rows: tuple[MaterialRow, ...]) -> None:
     assert [row.name for row in rows] == list(library.available())
     for row in rows:
         assert 0 < row.albedo_0 <= 1
@@ -40,7 +48,7 @@ def test_there_is_a_row_for_every_material_with_its_source(rows: list[materials_
         assert row.life == ("end" if row.name.endswith("_eol") else "beginning")
 
 
-def test_peaks_are_those_of_the_lobes(rows: list[materials_page.MaterialRow]) -> None:
+def test_peaks_are_those_of_the_lobes(rows: tuple[MaterialRow, ...]) -> None:
     peak = {row.name: row.peak_per_sr for row in rows}
     # R_A at 0.1 deg and 4 deg entrance is f cos²β, over the diffuse floor of 0.1; at 5 deg a little less.
     assert peak["tape_type_xi"] == pytest.approx(830 / np.cos(np.radians(4)) ** 2, rel=0.01)
@@ -51,28 +59,33 @@ def test_peaks_are_those_of_the_lobes(rows: list[materials_page.MaterialRow]) ->
 
 def test_a_mirror_glints_at_twice_the_entrance_angle() -> None:
     angles = np.linspace(0.05, 90, 1800)
-    brightest = angles[np.argmax(materials_page.goniometer_scan(library.load("mli_bare"), 30.0, angles))]
+    brightest = angles[np.argmax(goniometer_scan(library.load("mli_bare"), 30.0, angles))]
     assert brightest == pytest.approx(60.0, abs=0.2)
 
 
 def test_files_are_the_same_bytes_for_the_same_materials(tmp_path: Path) -> None:
     names = ("tape_type_xi", "tape_type_xi_eol", "mli_bare", "black_coating_eol")
     for folder in ("a", "b"):
-        materials_page.run(tmp_path / folder, names)
+        page(run(Plan(names)), "mantis materials").write(tmp_path / folder)
     written = sorted(p.relative_to(tmp_path / "a") for p in (tmp_path / "a").rglob("*") if p.is_file())
     assert [str(p) for p in written] == [
-        "data/materials.csv", "figures/materials-lobes.svg", "figures/materials-spectra.svg", "materials.md",
-    ]  # fmt: skip
+        "data/materials.csv",
+        "figures/materials-lobes.svg",
+        "figures/materials-spectra.svg",
+        "materials.md",
+        "report.html",
+    ]
     for path in written:
         assert (tmp_path / "a" / path).read_bytes() == (tmp_path / "b" / path).read_bytes()
     table = list(csv.DictReader((tmp_path / "a" / "data" / "materials.csv").read_text(encoding="utf-8").splitlines()))
     assert [line["name"] for line in table] == list(names)
 
 
-def test_the_committed_page_is_what_the_command_writes(rows: list[materials_page.MaterialRow]) -> None:
+def test_the_committed_page_is_what_the_command_writes(library_result: MaterialsResult) -> None:
+    made, rows = page(library_result, "mantis materials"), library_result.rows
     renew = "run `mantis materials -o docs`"
-    assert (ROOT / "docs" / "materials.md").read_text(encoding="utf-8") == materials_page.page(rows), renew
-    assert (ROOT / "docs" / "data" / "materials.csv").read_text(encoding="utf-8") == materials_page.as_csv(rows), renew
+    assert (ROOT / "docs" / "materials.md").read_text(encoding="utf-8") == made.markdown(), renew
+    assert (ROOT / "docs" / "data" / "materials.csv").read_text(encoding="utf-8") == as_csv(rows), renew
 
 
 def test_the_verb_lists_every_material_within_110_columns(capsys: pytest.CaptureFixture[str]) -> None:
