@@ -223,7 +223,7 @@ def _eclipse(result: ErrataResult) -> Eclipse:
     shortest = here.sel(model="full", exposure="1/200 s, 8°")
     snr = {r: float(printed.snr.sel(range_m=r)) for r in (6, 7, 8, 9)}
     first = {r: float(printed.signal.sel(range_m=r)) for r in (8, 20)}
-    mended = {r: float(corrected.signal.sel(range_m=r)) for r in (8, 20)}
+    fixed = {r: float(corrected.signal.sel(range_m=r)) for r in (8, 20)}
     whole = {r: float(full.signal.sel(range_m=r)) for r in (8, 20)}
     return Eclipse(
         printed_snr_6m=snr[6],
@@ -231,15 +231,15 @@ def _eclipse(result: ErrataResult) -> Eclipse:
         printed_snr_8m=snr[8],
         printed_snr_9m=snr[9],
         printed_snr_20m_fig64=float(here.snr.sel(model="printed", exposure="1/50 s, 8°", range_m=20)),
-        corrected_signal_8m=mended[8],
-        corrected_signal_20m=mended[20],
-        corrected_over_printed_8m=mended[8] / first[8],
-        corrected_over_printed_20m=mended[20] / first[20],
+        corrected_signal_8m=fixed[8],
+        corrected_signal_20m=fixed[20],
+        corrected_over_printed_8m=fixed[8] / first[8],
+        corrected_over_printed_20m=fixed[20] / first[20],
         full_signal_8m=whole[8],
         full_signal_20m=whole[20],
         full_over_printed_8m=whole[8] / first[8],
         full_over_printed_20m=whole[20] / first[20],
-        shape_change=(mended[8] / first[8]) / (mended[20] / first[20]),
+        shape_change=(fixed[8] / first[8]) / (fixed[20] / first[20]),
         full_over_well_least=float(full.full_well_fraction.min()),
         full_over_well_most=float(full.full_well_fraction.max()),
         fig64_shortest_over_well_least=float(shortest.full_well_fraction.min()),

@@ -97,7 +97,7 @@ def _closing(evidence: Evidence) -> str:
     try:
         records = evidence.records("closure-confirmation.csv")
     except Missing:
-        return "a longer lens, or a ladder of rings on a larger face"
+        return "a longer lens, or nested rings of markers on a larger face"
     first = records[0]["set"]
     closes = [r for r in records if r["set"] == first and r["closes"] == "True"]
     total = sum(r["set"] == first for r in records)
@@ -234,7 +234,9 @@ def scalable(evidence: Evidence) -> Finding:
         f"{ranges_text(ranges, thesis[best])}; cost is not judged"
     )
     remedy = (
-        "" if lacking["nested"] else "a ladder of rings has a usable marker at every range and attitude (mantis layout)"
+        ""
+        if lacking["nested"]
+        else "nested rings of markers have a usable one at every range and attitude (mantis layout)"
     )
     return _judged(not thesis[best], figure, "mantis layout", remedy=remedy)
 
