@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from experiments.chain.shoot import Exposure
     from experiments.scenario import KeyValue, Scenario
     from experiments.studies.budget.study import BudgetResult
-    from experiments.studies.close.study import Study
-    from experiments.studies.glare.report import GlareResult
-    from experiments.studies.materials.page import MaterialRow
+    from experiments.studies.close.study import ClosureResult
+    from experiments.studies.glare.study import GlareResult
+    from experiments.studies.materials.study import MaterialRow
     from experiments.studies.sweep.study import Outcome
     from scenes.render.transport import TransportBasis
 
@@ -287,18 +287,28 @@ def glare(
         workers: processes beside the renderer's; 0 is none, None is one a core.
         progress: called after every geometry.
     """
-    from experiments.studies.glare import report
+    from experiments.studies.glare import plan, study
 
-    return report.study(scenario, quick, None, progress, workers)
+    return study.run(scenario, plan.QUICK if quick else plan.FULL, progress, workers)
 
 
-def close(constraints: str | Path | None = None, *overrides: str, quick: bool = False) -> Study:
-    """Find the parameter sets that close the whole range, in closed form; `mantis close` confirms them by rendering, too.
+def close(
+    constraints: str | Path | None = None,
+    *overrides: str,
+    quick: bool = False,
+    render: bool = True,
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> ClosureResult:
+    """Find the parameter sets that close the whole range, and confirm them by rendering: `mantis close`.
 
     Args:
         constraints: TOML file of what may be changed and how far; None is the shipped one.
         overrides: ``key=value`` changes to the scenario; keys that begin with ``close.`` change the constraints.
-        quick: fewer draws for the probability that a set closes.
+        quick: fewer draws for the probability that a set closes, and two sets confirmed at three ranges.
+        render: whether sets are confirmed by rendering; the closed form alone takes seconds.
+        workers: processes for the noise draws; None is one a core.
+        progress: called after every case that is confirmed.
 
     Returns:
         `lead` is the recommended set; None where no set closes.
@@ -306,11 +316,13 @@ def close(constraints: str | Path | None = None, *overrides: str, quick: bool = 
     Raises:
         ScenarioError: one line that names the key, the value, and what was expected.
     """
-    from experiments.studies.close import study
-    from experiments.studies.close.constraints import load_constraints
+    from dataclasses import replace
 
-    limits, base = load_constraints(None if constraints is None else Path(constraints), overrides, None)
-    return study.study(limits, base, study.QUICK_DRAWS if quick else study.DRAWS)
+    from experiments.studies.close import plan, study
+    from experiments.studies.close.constraints import load_problem
+
+    problem = load_problem(None if constraints is None else Path(constraints), overrides, None)
+    return study.run(problem, replace(plan.QUICK if quick else plan.FULL, render=render), progress, workers)
 
 
 def materials(*names: str) -> list[MaterialRow]:
@@ -326,9 +338,9 @@ def materials(*names: str) -> list[MaterialRow]:
         >>> [row.name for row in materials("tape_type_xi")]
         ['tape_type_xi']
     """
-    from experiments.studies.materials import page
+    from experiments.studies.materials import plan, study
 
-    return page.run(None, names)
+    return list(study.run(plan.Plan(names)).rows)
 
 
 def marker(scenario: Scenario, folder: str | Path) -> list[Path]:

@@ -1,22 +1,16 @@
 """The five failure modes of thesis section 8.3: each brought about, and what this detector has against it.
 
-Beside each stands what OpenCV's ArUco and the thesis's pipeline (`experiments.studies.shared.baseline`) make of the same frame,
-where they fail.
-Frames are drawn with exact projection and sensor noise (`synthetic.py`); those of `tests/experiments` are ray-traced.
+Beside each stands what OpenCV's ArUco and the thesis's pipeline (`experiments.studies.shared.baseline`) make of the same frame, where
+they fail. Frames are drawn with exact projection and sensor noise (`synthetic.py`); those of `tests/experiments` are ray-traced.
 """
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
-
 from synthetic import NOISE, electrons, expose, foil, pose_at, range_for
 
 from detector.features import Features, find_features

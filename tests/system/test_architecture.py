@@ -9,7 +9,7 @@ import ast
 import json
 import subprocess
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -89,30 +89,6 @@ ONLY_FOR = {
         ("radiometry.corrections", "radiometry.extensions", "experiments.thesis"),
     ),
 }
-#: Imports that break a rule of the rooms and are being mended. This list only shrinks: an entry that is no longer needed
-#: fails `test_every_exception_is_still_needed`.
-TOLERATED_IMPORTS = {
-    # The thesis still stands in a user's budget.
-    ("experiments.chain.trials", "radiometry.thesis"),
-    ("experiments.studies.budget.figures", "radiometry.thesis"),
-    ("experiments.studies.budget.report", "experiments.thesis.errata.section"),
-    # Geometry and targets of the thesis that studies share.
-    ("experiments.studies.features.detection", "experiments.thesis.baseline"),
-    ("experiments.studies.glare.modes", "experiments.thesis.baseline"),
-    ("experiments.studies.shared.judge", "experiments.thesis.virtual.targets"),
-    ("experiments.studies.shared.trackers", "experiments.thesis.baseline"),
-    ("experiments.studies.shared.trackers", "experiments.thesis.virtual.targets"),
-    # `View` is of scenes.view.
-}
-#: Imports that close a circle and are being mended; the same holds for them.
-TOLERATED_CIRCLES = {
-    ("experiments.studies.budget.study", "experiments.studies.budget.verdict"),
-    ("experiments.studies.features.page", "experiments.studies.features.study"),
-    ("experiments.studies.validate.study", "experiments.studies.validate.figures"),
-    ("experiments.studies.validate.study", "experiments.studies.validate.tables"),
-    ("experiments.thesis.errata.study", "experiments.thesis.errata.figures"),
-    ("experiments.thesis.errata.study", "experiments.thesis.errata.page"),
-}
 
 
 def room(module: str) -> str | None:
@@ -147,10 +123,9 @@ def breaking() -> set[tuple[str, str]]:
     return {(m, name) for m, names in imports().items() for name in names if breaks_the_rooms(m, name)}
 
 
-def circles(without: Iterable[tuple[str, str]] = ()) -> list[list[str]]:
-    """Groups of modules that import one another in a circle, some imports left out."""
-    left_out = set(without)
-    order = {m: {n for n in names if (m, n) not in left_out} for m, names in imports().items()}
+def circles() -> list[list[str]]:
+    """Groups of modules that import one another in a circle."""
+    order = {m: set(names) for m, names in imports().items()}
     # What imports nothing that is left, or is imported by nothing that is left, stands in no circle.
     while loose := {m for m, names in order.items() if not names or not any(m in other for other in order.values())}:
         order = {m: names - loose for m, names in order.items() if m not in loose}
@@ -181,7 +156,7 @@ def test_every_room_has_its_place(package: str) -> None:
 
 
 def test_rooms_import_what_stands_before_them() -> None:
-    wrong = sorted(breaking() - TOLERATED_IMPORTS)
+    wrong = sorted(breaking())
     assert not wrong, "\n".join(f"{importer} imports {module}" for importer, module in wrong)
 
 
@@ -194,13 +169,7 @@ def test_the_pose_solvers_of_others_stand_apart() -> None:
 
 
 def test_no_modules_import_one_another_in_a_circle() -> None:
-    assert circles(TOLERATED_CIRCLES) == []
-
-
-def test_every_exception_is_still_needed() -> None:
-    assert breaking() >= TOLERATED_IMPORTS, f"delete from TOLERATED_IMPORTS: {sorted(TOLERATED_IMPORTS - breaking())}"
-    for edge in sorted(TOLERATED_CIRCLES):
-        assert circles(TOLERATED_CIRCLES - {edge}), f"delete from TOLERATED_CIRCLES: {edge}"
+    assert circles() == []
 
 
 def test_a_deferred_import_counts_for_rooms_and_circles(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -210,7 +179,7 @@ def test_a_deferred_import_counts_for_rooms_and_circles(monkeypatch: pytest.Monk
     imports.cache_clear()
     try:
         assert ("experiments.scenario.toml", "experiments.cli.main") in breaking()
-        assert any("experiments.scenario.toml" in group for group in circles(TOLERATED_CIRCLES))
+        assert any("experiments.scenario.toml" in group for group in circles())
     finally:
         imports.cache_clear()
 

@@ -2,14 +2,8 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
-
 from synthetic import NOISE, electrons, expose, pose_at
 
 from experiments.studies.shared.baseline import baseline_features, to_eight_bits

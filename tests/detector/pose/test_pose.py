@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from itertools import combinations
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2
-
-sys.path.insert(0, str(Path(__file__).parent))
-
 from synthetic import NOISE, electrons, expose, pose_at
 
 from detector.features import Features, find_features
