@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.rows import Row
-from experiments.chain.executor import Processes
+from experiments.chain.executor import ProcessExecutor
 from experiments.chain.trials import VARIABLES
 from experiments.studies.sweep import study, work
 from experiments.studies.sweep.dataset import OF_CASES, OF_DRAWS
@@ -161,7 +161,7 @@ def measure(window: float | None, every: int) -> Measured:
         os.environ["MANTIS_CACHE"] = str(folder / "cache")
         start, before = time.perf_counter(), _processor_s()
         sweep = sweep_plan(folder, window, every)
-        outcome = study.run_sweep(sweep, folder / "out.nc", crew=partial(Processes, WORKERS))
+        outcome = study.run_sweep(sweep, folder / "out.nc", executor=partial(ProcessExecutor, WORKERS))
         seconds, core_s = time.perf_counter() - start, _processor_s() - before
     if outcome.failed:
         raise RuntimeError(f"{outcome.failed} cases could not be computed")
@@ -234,7 +234,7 @@ def handing_out(cases: int = 4096) -> tuple[float, float]:
         path = Path(name) / "sweep.toml"
         path.write_text(f"trials = {DRAWS}\n[sample]\ncount = {cases}\nranges.range_m = [1, 20]\n")
         start = time.perf_counter()
-        study.run_sweep(load_sweep(path), path.with_suffix(".nc"), crew=NoWork)
+        study.run_sweep(load_sweep(path), path.with_suffix(".nc"), executor=NoWork)
         return cases / (time.perf_counter() - start), path.with_suffix(".nc").stat().st_size / cases
 
 

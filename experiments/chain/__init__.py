@@ -9,7 +9,7 @@ from __future__ import annotations
 from detector.sensor.sensor import usable_well_electrons
 from experiments.chain.belief import Belief
 from experiments.chain.case import Case, link_budget, link_budget_beside
-from experiments.chain.detection import Detection, detect, pose_errors
+from experiments.chain.detection import DetectedImage, Detection, detect, pose_errors
 from experiments.chain.exposure import expose, frame_generator
 from experiments.chain.illumination import SOURCES, active_sources, responsivity, source_spectra, sun_stray_rate
 from experiments.chain.link_budget import Bits, LinkBudget, solve_exposure
@@ -25,6 +25,7 @@ __all__ = [
     "Belief",
     "Bits",
     "Case",
+    "DetectedImage",
     "Detection",
     "LinkBudget",
     "active_sources",

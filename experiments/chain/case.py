@@ -86,6 +86,8 @@ def link_budget(scenario: Scenario, illumination: str, mean_rate: float | None =
     """The closed-form budget of the scenario's range in an illumination.
 
     Args:
+        scenario: camera, lights, target and sensor.
+        illumination: 'eclipse' or 'sunlit'.
         mean_rate: electrons per second and pixel of the whole imaged frame, without stray light from outside it, for veiling
             glare to spread; absent, the closed form's own estimate (`scenes.projection.frame_light`).
     """

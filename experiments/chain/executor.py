@@ -9,7 +9,7 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing import get_context, parent_process
@@ -47,15 +47,15 @@ def pool(function: Callable[..., Result], workers: int | None = None) -> Iterato
 
         yield run_here
         return
-    executor = _executor(count)
+    executor = _process_pool(count)
     try:
         yield lambda *arguments: executor.submit(function, *arguments)
     finally:
         executor.shutdown(wait=True, cancel_futures=True)
 
 
-class Crew(Protocol):
-    """Workers that may be lost."""
+class Executor(Protocol):
+    """Runs tasks in workers that may be lost."""
 
     @property
     def losses(self) -> tuple[type[BaseException], ...]:
@@ -74,7 +74,7 @@ class Crew(Protocol):
     def recover(self) -> None:
         """Be ready for tasks again after a loss."""
 
-    def __enter__(self) -> Crew: ...
+    def __enter__(self) -> Executor: ...
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -82,38 +82,41 @@ class Crew(Protocol):
         """Let the workers go: at once after an error, else when they are done."""
 
 
-class Processes:
+class ProcessExecutor:
     """Spawned processes on this machine, which share its cores evenly; a new set where one of them dies."""
 
     losses: tuple[type[BaseException], ...] = (BrokenProcessPool,)
 
     def __init__(self, count: int) -> None:
-        self._count, self._executor = count, _executor(count, renders=True)
+        self._count, self._pool = count, _process_pool(count, renders=True)
 
     def width(self) -> int:
+        """Tasks that run at a time, as `Executor.width`."""
         return self._count
 
     def submit(self, function: Callable[..., Result], *arguments: object) -> Future[Result]:
-        return self._executor.submit(function, *arguments)
+        """Run a function, importable by name, in one of the workers."""
+        return self._pool.submit(function, *arguments)
 
     def recover(self) -> None:
-        self._executor.shutdown(wait=False)
-        self._executor = _executor(self._count, renders=True)
+        """Start a new set of processes."""
+        self._pool.shutdown(wait=False)
+        self._pool = _process_pool(self._count, renders=True)
 
-    def __enter__(self) -> Processes:
+    def __enter__(self) -> ProcessExecutor:
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if kind is not None:
-            # The executor has no public way to stop a running task before Python 3.14.
-            for process in list((self._executor._processes or {}).values()):
+            # The pool has no public way to stop a running task before Python 3.14.
+            for process in list((self._pool._processes or {}).values()):
                 process.terminate()
-        self._executor.shutdown(wait=True, cancel_futures=True)
+        self._pool.shutdown(wait=True, cancel_futures=True)
 
 
-class Cluster:
+class ClusterExecutor:
     """The workers of a Dask scheduler, wherever they run. A lost worker's tasks go to others; Dask sees to that.
 
     Raises:
@@ -131,31 +134,33 @@ class Cluster:
             self._client = Client(address, set_as_default=False, timeout=10)
         except (OSError, ValueError) as error:  # no such address, or nobody there
             raise OSError(f"--scheduler {address}: no Dask scheduler answers ({error})") from error
-        self._executor: Executor = self._client.get_executor(pure=False)
+        self._pool = self._client.get_executor(pure=False)
 
     def width(self) -> int:
+        """Tasks that run at a time, as `Executor.width`."""
         try:
             return max(1, sum(self._client.nthreads().values()))
         except OSError as error:
             raise RuntimeError(GONE) from error
 
     def submit(self, function: Callable[..., Result], *arguments: object) -> Future[Result]:
-        return self._executor.submit(function, *arguments)
+        """Run a function, importable by name, in one of the workers."""
+        return self._pool.submit(function, *arguments)
 
     def recover(self) -> None:
         """Nothing: the scheduler has given the task up, not the workers."""
 
-    def __enter__(self) -> Cluster:
+    def __enter__(self) -> ClusterExecutor:
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._executor.shutdown(wait=kind is None)
+        self._pool.shutdown(wait=kind is None)
         self._client.close()
 
 
-def _executor(count: int, renders: bool = False) -> ProcessPoolExecutor:
+def _process_pool(count: int, renders: bool = False) -> ProcessPoolExecutor:
     for variable in _BLAS_THREADS:  # inherited by the workers; this process has long read them
         os.environ.setdefault(variable, "1")
     threads = max(1, cores() // count)

@@ -194,6 +194,11 @@ def solve_link_budget(
     """The closed-form budget of a scenario in an illumination, from its prepared parts (see `experiments.chain.case.Case`).
 
     Args:
+        scenario: camera, target and sensor.
+        faces: electron rates of points on the face.
+        bright: the reflective bits.
+        dark: the absorbing cells beside them.
+        illumination: 'eclipse' or 'sunlit'.
         mean_rate: electrons per second and pixel of the whole imaged frame, without stray light from outside it, for veiling
             glare to spread; absent, the closed form's own estimate (`scenes.projection.frame_light`).
     """

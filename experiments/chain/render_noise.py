@@ -22,10 +22,14 @@ def renderer_variance_fraction(
     """Largest share of the renderer's variance in shot noise's, over the ArUco's and the elements' pixels, in an exposure.
 
     A pixel that would overflow counts in the exposure that just fills it. The renderer's variance is that of two independent
-    halves of the rays, averaged over 5 × 5 pixels (`scenes.render.density.variance_fractions`). NaN where the basis does not tell it, or no such
-    pixel is in the frame.
+    halves of the rays, averaged over 5 × 5 pixels (`scenes.render.density.variance_fractions`). It is NaN where the basis
+    does not tell it, or where no such pixel is in the frame.
 
     Args:
+        scenario: of which the basis is.
+        basis: with the renderer's own noise.
+        illumination: 'eclipse' or 'sunlit'.
+        seconds: exposure [s].
         rate: `electron_rate` of the same, where it is known.
     """
     if any(source not in basis.noise for source in active_sources(scenario, illumination)):

@@ -37,10 +37,10 @@ class Exposure:
 
 
 def shoot(scenario: Scenario, trial: int = 0) -> Exposure:
-    """Render, expose and detect: the chain of `mantis render`, `expose` and `detect`, with transport from the cache if it is there.
+    """Render, expose and detect, as `mantis render`, `expose` and `detect` do; rendered transport is kept in the cache.
 
     Args:
-        scenario: its range, light, exposure and seed say which frame.
+        scenario: its range, illumination, exposure and seed say which frame.
         trial: which noise draw of the seed.
     """
     from scenes.files.cache import TransportCache, default_folder

@@ -21,7 +21,6 @@ from experiments.chain.exposure import camera_pattern, expose
 from experiments.chain.link_budget import LinkBudget
 from experiments.chain.statistics import percentile
 from radiometry.geometry import FloatArray
-from radiometry.thesis import PrintedModel
 
 #: Rows and columns of some pixels.
 Pixels = tuple[NDArray[np.intp], NDArray[np.intp]]
@@ -41,7 +40,6 @@ VARIABLES: dict[str, tuple[str, str]] = {
     "snr_rendered_ci95": ("1", "half width of the 95 % interval of snr_rendered"),
     "cnr_rendered": ("1", "contrast-to-noise ratio over the noise draws; missing where bits saturate"),
     "cnr_rendered_ci95": ("1", "half width of the 95 % interval of cnr_rendered"),
-    "snr_thesis": ("1", "signal-to-noise ratio by the thesis's formula as printed, its own 5 mm bit"),
     "full_well_fraction": ("1", "expected signal of a bright bit over the usable well"),
     "saturated_fraction": ("1", "share of bright-bit pixels that saturate"),
     "smear_px": ("pixel", "motion of the target during the exposure"),
@@ -58,8 +56,8 @@ class Trials:
     Attributes:
         values: statistics over the draws, by the names of `VARIABLES`.
         detected, attitude_error_deg, range_error: of each draw; errors are NaN without a pose.
-        pose_covariance: mean of what the solver states, (6, 6) of (ω, δt) as
-            `detector.pose.pose.Pose.covariance` [rad, m]; NaN where no draw gave a pose.
+        pose_covariance: mean of what the solver states, (6, 6) of (ω, δt) [rad, m], as `Pose.covariance` of
+            `detector.pose.pose`; NaN where no draw gave a pose.
         reason: what most draws miss and why, and in how many of them something is missing; empty where nothing is.
         frame, features: of the first draw.
     """
@@ -78,12 +76,13 @@ def known_values(case: Case, budget: LinkBudget, rate: FloatArray, seconds: list
     """Per exposure, what needs no noise: closed form, and the rendered expectation.
 
     Args:
+        case: a scenario in an illumination.
         budget: of the case, with the veil of the frame where it has one (`Case.link_budget_beside`).
         rate: electron rate of every pixel (height, width) [e-/s].
         seconds: exposures.
     """
     signal_rate, background_rate = case.bright.mean(rate), case.dark.mean(rate)
-    well, printed = usable_well_electrons(case.scenario.sensor), PrintedModel()
+    well = usable_well_electrons(case.scenario.sensor)
     values: dict[str, list[float]] = {name: [] for name in VARIABLES}
     for t in seconds:
         analytic = budget.at(t)
@@ -94,7 +93,6 @@ def known_values(case: Case, budget: LinkBudget, rate: FloatArray, seconds: list
         values["background_expected"].append(background_rate * t)
         values["full_well_fraction"].append((signal_rate * t + analytic["dark"]) / well)
         values["smear_px"].append(analytic["smear_px"])
-        values["snr_thesis"].append(float(printed.snr(case.scenario.range_m, t, sun=case.illumination == "sunlit")))
     return {name: v for name, v in values.items() if v}
 
 

@@ -1,4 +1,4 @@
-"""Where a scenario's marker is seen: its view, and the pixels of its bits."""
+"""The part of a scenario that the renderer sees."""
 
 from __future__ import annotations
 

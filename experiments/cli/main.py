@@ -23,9 +23,19 @@ _GROUPS = {
     "Begin": ("doctor", "new", "presets", "budget", "explore"),
     "The chain by files": ("render", "expose", "detect", "calibrate", "marker", "materials", "sensor", "schema"),
     "Studies": ("close", "glare", "validate", "features", "virtual", "sweep", "plot", "cache"),
-    "The thesis, recomputed": ("errata", "montecarlo", "tradeoff", "fov", "layout", "power", "comparison", "requirements",
-                             "physical", "risk"),
-}  # fmt: skip
+    "The thesis, recomputed": (
+        "errata",
+        "montecarlo",
+        "tradeoff",
+        "fov",
+        "layout",
+        "power",
+        "comparison",
+        "requirements",
+        "physical",
+        "risk",
+    ),
+}
 
 
 class Verbs(click.Group):

@@ -1,4 +1,4 @@
-"""What the page shows of the rendered frame: pictures, histogram, detection, pose, and the three models side by side."""
+"""What the page shows of the rendered frame: pictures, histogram, detection, pose, and rendered beside closed form."""
 
 from __future__ import annotations
 
@@ -10,20 +10,18 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from detector.features import find_features
-from detector.pose.pose import solve_pose
+from detector.sensor.noise import sensor_noise
+from detector.sensor.pair import difference
 from detector.sensor.sensor import Sensor, expose
 from experiments import chain
 from experiments.chain.trials import known_values
-from experiments.explore.stock import Prepared
+from experiments.explore.geometries import Prepared
 from experiments.reporting import pictures
 from experiments.reporting.detection import as_record, describe
 from experiments.reporting.formatting import number, percent
 from experiments.scenario import Scenario
-from experiments.studies.glare.fusion import difference
 from radiometry import link
 from radiometry.geometry import FloatArray
-from radiometry.thesis import PrintedModel
 
 #: Bars of the histogram.
 HISTOGRAM_BINS = 96
@@ -36,36 +34,40 @@ ELLIPSE_95 = float(np.sqrt(-2 * np.log(0.05)))
 
 
 @dataclass(frozen=True)
-class Shot:
-    """One frame, or the difference of a pair: the image the detector is given, and the frame with LEDs of which it is made."""
+class ShownFrame:
+    """What the page shows of one exposure.
+
+    Attributes:
+        image: (H, W) the frame [DN], or the difference of a pair of frames [DN].
+        dn: (H, W) the frame with the LEDs on [DN].
+        seen: what the detector finds.
+    """
 
     image: FloatArray | NDArray[np.uint16]
     dn: NDArray[np.uint16]
     seen: chain.Detection
 
 
-def shoot(scenario: Scenario, rate: FloatArray, off_rate: FloatArray | None, seconds: float) -> Shot:
+def shoot(scenario: Scenario, rate: FloatArray, off_rate: FloatArray | None, seconds: float) -> ShownFrame:
     """One exposure and what the detector finds in it; with the Sun's rate alone, the difference of a pair."""
     frame = chain.expose(scenario, rate, scenario.illumination, seconds).dn
     if off_rate is None:
-        return Shot(frame, frame, chain.detect(scenario, frame))
+        return ShownFrame(frame, frame, chain.detect(chain.Belief.of(scenario), frame))
     # The frame without LEDs is the next of the same noise stream.
     rng = chain.frame_generator(scenario, scenario.illumination, seconds, trial=1)
     dark = expose(scenario.sensor, off_rate, seconds, rng).dn
-    image, noise = difference(scenario.sensor, frame, dark, np.zeros(2))
-    camera = chain.view(scenario).camera
-    features = find_features(image, scenario.marker, camera, noise, scenario.leds.ring_radius_m)
-    pose = solve_pose(features, scenario.marker, camera) if features.detected else None
-    return Shot(image, frame, chain.Detection(features, pose))
+    image, _ = difference(frame, dark, sensor_noise(scenario.sensor))
+    return ShownFrame(image, frame, chain.detect(chain.Belief.of(scenario), frame, off=dark))
 
 
 def rendered(scenario: Scenario, prepared: Prepared, drive: float, pair: bool) -> dict[str, Any]:
-    """All that comes from the rendered frame: pictures, histogram, detection, pose, and the three models side by side.
+    """All that comes from the rendered frame: pictures, histogram, detection, pose, and rendered beside closed form.
 
     Args:
         scenario: of the state, LED current included.
         prepared: its geometry at the current of the scenario that was opened.
         drive: LED current over that.
+        pair: whether the frame is the difference of two, with and without the LEDs.
     """
     budgets, illumination = prepared.budgets.scaled(drive), scenario.illumination
     budget, rate = budgets.by_illumination[illumination], prepared.rate(illumination, drive)
@@ -87,12 +89,10 @@ def rendered(scenario: Scenario, prepared: Prepared, drive: float, pair: bool) -
 def models(
     scenario: Scenario, budget: chain.LinkBudget, known: dict[str, float], seconds: float
 ) -> list[dict[str, Any]]:
-    """The thesis as printed, the closed form, and the rendered frame before noise: S, B, SNR and CNR of one frame."""
+    """The closed form and the rendered frame before noise: S, B, SNR and CNR of one frame."""
     dark, noise = scenario.sensor.dark_electrons(seconds), scenario.sensor.total_noise_electrons
-    printed = PrintedModel().signal_e(scenario.range_m, seconds, sun=scenario.illumination == "sunlit")
     signal, background = known["signal_expected"], known["background_expected"]
     rows = (
-        ("the thesis as printed", float(printed), None, known["snr_thesis"], None),
         (
             "closed form",
             known["signal_analytic"],
@@ -113,7 +113,7 @@ def models(
         {
             "model": model,
             **{n: v for n, v in zip(names, row, strict=True)},
-            "texts": ["–" if v is None else number(v) for v in row],
+            "texts": [number(v) for v in row],
         }
         for model, *row in rows
     ]
@@ -135,7 +135,7 @@ def histogram(sensor: Sensor, dn: NDArray[np.uint16]) -> dict[str, Any]:
     }
 
 
-def _pictures(scenario: Scenario, shot: Shot) -> dict[str, Any]:
+def _pictures(scenario: Scenario, shot: ShownFrame) -> dict[str, Any]:
     view = chain.view(scenario)
     outline, centre = view.to_image(scenario.marker.corners_m), view.to_image(np.zeros((1, 3)))[0]
     side = scenario.marker.size_m * max(scenario.camera.focal_px) / scenario.range_m * CROP_OVER_MARKER

@@ -7,10 +7,13 @@ import io
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar
 
 from markupsafe import Markup
 from matplotlib.figure import Figure as MplFigure
+
+from experiments.reporting.figures import svg_file
 
 
 @dataclass(frozen=True)
@@ -54,6 +57,11 @@ class Plot:
     figure: MplFigure
     caption: str
 
+    @cached_property
+    def svg(self) -> str:
+        """The figure as the text of an SVG file; drawn once, which takes most of a page's time."""
+        return svg_file(self.figure)
+
 
 @dataclass(frozen=True)
 class Plots:
@@ -96,15 +104,21 @@ class Cell:
     passed: bool | None = None
     style: str = ""
 
+    @property
+    def marked(self) -> str:
+        """The text with a mark where it was judged: '✓ 0.5', '✗ 1.2'."""
+        return self.text if self.passed is None else f"{'✓' if self.passed else '✗'} {self.text}".rstrip()
+
 
 @dataclass(frozen=True)
 class Download:
-    """A file that the page can save."""
+    """A file that the page in the browser can save; with a `key` it is written as ``data/STUDY-KEY.csv`` too, as of a table."""
 
     kind: ClassVar[str] = "download"
     label: str
     filename: str
     text: str
+    key: str | None = None
 
 
 @dataclass(frozen=True)
@@ -113,10 +127,11 @@ class Table:
 
     Attributes:
         groups: spans of the headings as (text, columns).
-        key: name of the file that the page writes, ``data/STUDY-KEY.csv``, or ``data/STUDY.csv`` for an empty key; None is no file.
+        key: name of the file that the page writes, ``data/STUDY-KEY.csv``; ``data/STUDY.csv`` for an empty key, none for None.
         exact: rows for that file where its numbers have more digits than the page shows; headings stay the same.
         inline: whether the page in Markdown shows the rows; where not, it links the file.
         terminal: whether the terminal shows the rows.
+        terminal_columns: those that it shows, by number, where all would be too wide; empty for all.
     """
 
     kind: ClassVar[str] = "table"
@@ -130,12 +145,22 @@ class Table:
     exact: tuple[tuple[object, ...], ...] = ()
     inline: bool = True
     terminal: bool = False
+    terminal_columns: tuple[int, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The headings; where two are alike, with the groups that they stand under: 'SNR: closed form'."""
+        over = [text for text, columns in self.groups for _ in range(columns)] or [""] * len(self.headings)
+        return tuple(
+            f"{group}: {text}" if group and self.headings.count(text) > 1 else text
+            for group, text in zip(over, self.headings, strict=True)
+        )
 
     def csv(self) -> str:
-        """The rows as CSV with their headings."""
+        """The rows as CSV under their `names`."""
         rows = self.exact or tuple(tuple(cell.text for cell in row) for row in self.rows)
         buffer = io.StringIO()
-        csv.writer(buffer, lineterminator="\n").writerows([self.headings, *rows])
+        csv.writer(buffer, lineterminator="\n").writerows([self.names, *rows])
         return buffer.getvalue()
 
 
@@ -191,6 +216,7 @@ def text_table(
     key: str | None = None,
     inline: bool = True,
     terminal: bool = False,
+    terminal_columns: tuple[int, ...] = (),
 ) -> Table:
     """A heading and rows of text as a table; columns that do not hold numbers are aligned left. Keywords as in `Table`."""
     heading, *lines = [[str(cell) for cell in row] for row in rows]
@@ -199,7 +225,16 @@ def text_table(
         tuple(Cell(text, style="" if number else "left") for text, number in zip(line, numeric, strict=True))
         for line in lines
     )
-    return Table(tuple(heading), cells, caption, compact=compact, key=key, inline=inline, terminal=terminal)
+    return Table(
+        tuple(heading),
+        cells,
+        caption,
+        compact=compact,
+        key=key,
+        inline=inline,
+        terminal=terminal,
+        terminal_columns=terminal_columns,
+    )
 
 
 #: A text that begins with a number, or says that there is none.

@@ -48,16 +48,20 @@ def new_figure(
     return figure, figure.subplots(rows, columns, squeeze=False, **kwargs)
 
 
+def svg_file(figure: Figure) -> str:
+    """The figure as the text of an SVG file."""
+    buffer = io.StringIO()
+    figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    return buffer.getvalue()
+
+
 def save_svg(figure: Figure, path: Path) -> Path:
     """Write the figure as SVG, whole or not at all."""
     with atomic_write(path) as temporary:
-        figure.savefig(temporary, format="svg", metadata={"Date": None, "Creator": None})
+        temporary.write_text(svg_file(figure), encoding="utf-8")
     return path
 
 
-def svg_text(figure: Figure) -> str:
-    """The figure as an `<svg>` element to stand inside HTML."""
-    buffer = io.StringIO()
-    figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
-    text = buffer.getvalue()
+def svg_element(text: str) -> str:
+    """The `<svg>` element of an SVG file, to stand inside HTML."""
     return text[text.index("<svg") :]

@@ -1,6 +1,6 @@
 """A page as one HTML text that loads nothing from elsewhere: `templates/report.html` filled in.
 
-The template escapes every text. Only `svg` fields go in as they are: they come from `figure`, or from code that escapes for itself.
+The template escapes every text. Only `svg` fields go in as they are: they come from `figure`, or from code that escapes itself.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from markupsafe import Markup
 from matplotlib.figure import Figure as Plot
 
 from experiments.reporting.blocks import Block, Card, Details, Figure, Figures, Plots, Section
-from experiments.reporting.figures import svg_text
+from experiments.reporting.figures import svg_element, svg_file
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,7 @@ class Report:
     reproduction: tuple[Block, ...]
     footer: str = ""
     about: tuple[str, ...] = ()
+    advice_title: str = "What would help, and what the frames show"
 
 
 def render(report: Report) -> str:
@@ -46,7 +47,8 @@ def render(report: Report) -> str:
 def drawn(block: Block, prefix: str) -> Block:
     """The block with its plots as SVG; `prefix` begins the ids of the page's figures."""
     if isinstance(block, Plots):
-        return Figures(tuple(figure(p.figure, f"{prefix}-{p.key}", p.caption) for p in block.plots), block.caption)
+        figures = tuple(_embedded(p.svg, f"{prefix}-{p.key}", p.caption) for p in block.plots)
+        return Figures(figures, block.caption)
     if isinstance(block, Details):
         return replace(block, blocks=tuple(drawn(inner, prefix) for inner in block.blocks))
     return block
@@ -60,7 +62,12 @@ def figure(plot: Plot, key: str, caption: str) -> Figure:
         key: letters, digits and hyphens, unique in the page.
         caption: what it shows.
     """
-    text = svg_text(plot)
+    return _embedded(svg_file(plot), key, caption)
+
+
+def _embedded(svg: str, key: str, caption: str) -> Figure:
+    """The text of an SVG file as `figure` makes it."""
+    text = svg_element(svg)
     text = re.sub(r'\bid="([^"]+)"', rf'id="{key}-\1"', text)
     text = re.sub(r'(href="#|url\(#)', rf"\g<1>{key}-", text)
     text = text.replace("*{", f"#{key} *{{")  # matplotlib's style sheet would else hold for the whole page

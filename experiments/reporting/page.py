@@ -1,4 +1,4 @@
-"""The page of a study: one object that every study hands over, shown in a terminal, as Markdown, HTML or plain data, and written."""
+"""The page of a study: one object that every study hands over, which is shown in many ways and written."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import xarray as xr
 
-from experiments.reporting.blocks import Block, Bullets, Card, Details, Plot, Plots, Section, Table
-from experiments.reporting.figures import save_svg
+from experiments.reporting.blocks import Block, Bullets, Card, Details, Download, Plot, Plots, Section, Table
 from experiments.reporting.files import write_netcdf, write_text
 from experiments.reporting.html import Report, drawn, render
 from experiments.reporting.markdown import escaped, markdown, table_file
@@ -34,15 +33,17 @@ class Page:
         command: the command line that makes it again.
         sections: the evidence, in the order in which it is read.
         findings: what was found or would help, a sentence each; a word and a colon at the start are set bold.
+        findings_title: their heading in the browser.
         cards: parts of the verdict in a few large words.
         about: paragraphs that say what is asked and how it is answered.
         limits: assumptions and what is not modelled.
         scenario: of the system that is looked at; None where there is none.
-        data: the labelled result, written as ``STEM.nc``; its attributes say what made it.
+        data: the labelled result, written as ``STEM.nc``; its attributes say what made it, and with which seed.
         stem: name of the files; default the study's.
         unmet: for each `--require` condition that the result does not meet, why.
         extra: further plain data for `--json`.
         files: further text files, by path within the folder.
+        screen: what the terminal shows instead of headline, findings and tables, where a study has a view of its own.
     """
 
     study: str
@@ -52,6 +53,7 @@ class Page:
     command: str
     sections: tuple[Section, ...]
     findings: tuple[str, ...] = ()
+    findings_title: str = "Findings"
     cards: tuple[Card, ...] = ()
     about: tuple[str, ...] = ()
     limits: tuple[str, ...] = ()
@@ -61,6 +63,7 @@ class Page:
     unmet: Mapping[str, str] = field(default_factory=dict)
     extra: Mapping[str, Any] = field(default_factory=dict)
     files: Mapping[str, str] = field(default_factory=dict)
+    screen: tuple[RenderableType, ...] = ()
 
     @property
     def name(self) -> str:
@@ -86,6 +89,8 @@ class Page:
 
         from experiments.reporting.terminal import text_table
 
+        if self.screen:
+            return list(self.screen)
         lines: list[RenderableType] = [Text(self.headline, style="bold")]
         lines += [Text(f"→ {finding}") for finding in self.findings]
         return lines + [text_table(block) for block in self.blocks() if isinstance(block, Table) and block.terminal]
@@ -94,7 +99,7 @@ class Page:
         """Headline, findings and tables as plain data for `--json`."""
         tables = {
             table.key or self.name: [
-                dict(zip(table.headings, (cell.text for cell in row), strict=True)) for row in table.rows
+                dict(zip(table.names, (cell.text for cell in row), strict=True)) for row in table.rows
             ]
             for table in self.tables()
         }
@@ -124,7 +129,8 @@ class Page:
             again, foot = list(reproduction(self.scenario, attributes, self.command)), footer(attributes)
         else:
             hashes = {} if self.scenario is None else {"Scenario": self.scenario.digest()}
-            seed = None if self.scenario is None else self.scenario.seed
+            seed = int(float(attributes["seed"])) if "seed" in attributes else None
+            seed = seed if self.scenario is None else self.scenario.seed
             again, foot = list(made_by(self.command, seed, hashes, versions)), versions
         sections = tuple(
             Section(s.anchor, s.title, tuple(drawn(block, self.name) for block in s.blocks), s.wordy)
@@ -143,6 +149,7 @@ class Page:
                 reproduction=tuple(again),
                 footer=foot,
                 about=self.about,
+                advice_title=self.findings_title,
             )
         )
 
@@ -153,7 +160,10 @@ class Page:
         for table in self.tables():
             write_text(table.csv(), out / table_file(table, self.name))
         for plot in self.plots():
-            save_svg(plot.figure, out / "figures" / f"{self.name}-{plot.key}.svg")
+            write_text(plot.svg, out / "figures" / f"{self.name}-{plot.key}.svg")
+        for download in self.blocks():
+            if isinstance(download, Download) and download.key is not None:
+                write_text(download.text, out / table_file(download, self.name))
         for path, text in self.files.items():
             write_text(text, out / path)
         write_text(self.markdown(), out / f"{self.name}.md")

@@ -38,14 +38,11 @@ def assumptions(scenario: Scenario) -> Iterator[Block]:
     yield Table(
         ("role", "material", "source", "uncertainty", "status"),
         tuple(
-            (
-                Cell(role), Cell(m.title), Cell(f"{m.source} ({m.date})"), Cell(m.uncertainty),
-                Cell("assumption" if m.assumption else "", style="flagged" if m.assumption else ""),
-            )
+            (Cell(role), Cell(m.title), Cell(f"{m.source} ({m.date})"), Cell(m.uncertainty), _status(m.assumption))
             for role, m in materials.items()
         ),
         "Materials",
-    )  # fmt: skip
+    )
     headings = ("key", "value", "what it is", "status")
     yield Table(headings, tuple(assumed), "Values that are assumptions")
     yield Details("Every value of the scenario", (Table(headings, tuple(rows), "Scenario"),), printed=True)
@@ -60,17 +57,18 @@ def _parameters(model: BaseModel, prefix: str = "") -> Iterator[tuple[Cell, Cell
             continue
         description = field.description or ""
         assumed = "assumption" in description.lower()
-        text = (
-            ", ".join(map(str, value))
-            if isinstance(value, tuple)
-            else f"{value:g}"
-            if isinstance(value, float)
-            else str(value)
-        )
-        yield (
-            Cell(f"{prefix}{name}"), Cell(text), Cell(description),
-            Cell("assumption" if assumed else "", style="flagged" if assumed else ""),
-        )  # fmt: skip
+        yield Cell(f"{prefix}{name}"), Cell(_value(value)), Cell(description), _status(assumed)
+
+
+def _value(value: object) -> str:
+    if isinstance(value, tuple):
+        return ", ".join(map(str, value))
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _status(assumed: bool) -> Cell:
+    """A highlighted word where a value is an assumption, nothing elsewhere."""
+    return Cell("assumption", style="flagged") if assumed else Cell("")
 
 
 def reproduction(scenario: Scenario, attributes: Mapping[str, object], command: str) -> Iterator[Block]:

@@ -1,22 +1,40 @@
-"""A small budget made from round figures, without rendering, for tests of what is said about budgets."""
+"""A small budget made from round figures, without rendering; and a check of the figures of every page that a test writes."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import xarray as xr
+from drawn import check_figure
 
 from detector.features import Features
 from experiments import chain
+from experiments.reporting.page import Page
 from experiments.scenario import Scenario
 from experiments.studies.budget import study as budget
 from experiments.studies.budget.study import BudgetResult, Snapshot
 from radiometry import link
 
 MakeBudget = Callable[..., BudgetResult]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _figures_of_every_page_are_drawn() -> Iterator[None]:
+    """Every page that a test writes has its figures checked, whichever study it is of."""
+    write = Page.write
+
+    def checked(page: Page, out: Path) -> None:
+        for plot in page.plots():
+            check_figure(plot.figure, f"{page.name}-{plot.key}")
+        write(page, out)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Page, "write", checked)
+        yield
 
 
 @pytest.fixture(scope="session")
@@ -49,7 +67,6 @@ def _make(*, found: float = 1.0, attitude_deg: float = 0.1, **sections: Any) -> 
         values["smear_px"][i, j, k] = float(link.smear_px(scenario.camera, range_m, 0.05, seconds))
     values["snr_rendered_ci95"] += 2.0
     values["cnr_rendered_ci95"] += 2.0
-    values["snr_thesis"] += 0.5
     values["detected_fraction"] += found
     values["attitude_error_p95_deg"] += attitude_deg if found else np.nan
     values["range_error_p95"] += 0.001 if found else np.nan
@@ -64,9 +81,11 @@ def _make(*, found: float = 1.0, attitude_deg: float = 0.1, **sections: Any) -> 
     labels = [budget.exposure_label(e) for e in plan.exposures_s]
     coordinates = {"range_m": list(plan.ranges_m), "illumination": list(plan.illuminations), "exposure": labels}
     attributes = {
-        "software": "mantis-radiometry 0", "versions": "numpy 2", "history": "2026-01-01T00:00Z mantis budget",
+        "software": "mantis-radiometry 0",
+        "versions": "numpy 2",
+        "history": "2026-01-01T00:00Z mantis budget",
         "scenario_hash": scenario.digest(),
-    }  # fmt: skip
+    }
     # The private function is what puts margins into every real dataset; a copy of it here would test nothing.
     dataset = budget._judged(scenario, xr.Dataset(data, coordinates, attributes))
     snapshots = [

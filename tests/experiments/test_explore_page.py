@@ -89,8 +89,8 @@ def test_a_key_moves_a_slider_and_the_numbers_become_the_command_lines(page, man
     assert shown(page, "snr") == number(said["snr_analytic"])
     assert shown(page, "sampling") == f"{number(said['px_per_bit'])} px"
     cells = page.run("[...document.querySelectorAll('#models tr')].map(r => [...r.cells].map(c => c.textContent))")
-    assert cells[0][3] == number(said["snr_thesis"])
-    assert cells[2][1] == number(said["signal_expected"])
+    assert cells[0][3] == number(said["snr_analytic"])
+    assert cells[1][1] == number(said["signal_expected"])
 
 
 def test_every_control_is_reached_and_moved_by_the_keyboard(page):
@@ -107,7 +107,7 @@ def test_every_control_is_reached_and_moved_by_the_keyboard(page):
     assert missing == []
     assert all(any(seen.startswith(group) for seen in reached) for group in groups)
     assert {"save", "link"} <= {*reached, "link"}
-    page.run("document.getElementById('c-light-0').focus()")
+    page.run("document.getElementById('c-illumination-0').focus()")
     page.press("ArrowDown")
     page.wait_for(f"{READY} && location.search === '?illumination=sunlit'")
     assert page.run("document.getElementById('c-sun-phase_deg').disabled") is False

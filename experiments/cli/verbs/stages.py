@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -14,8 +13,8 @@ from experiments.cli.options import (
     announce_variant,
     ready_folder,
     shared_options,
-    with_progress,
 )
+from experiments.cli.study_verb import StudyVerb, study_verb
 
 SCENARIO = click.argument("scenario", required=False)
 
@@ -39,88 +38,18 @@ def doctor(as_json: bool) -> None:
         raise EnvironmentLacking("; ".join(diagnosis["advice"]) or "this machine cannot run the project")
 
 
-@click.command()
-@SCENARIO
-@click.option("--quick", is_flag=True, help="Fewer ranges, noise draws and rays: a first look within 40 s.")
-@click.option(
-    "--require",
-    metavar="CONDITION",
-    help="'closes' or ILLUMINATION:RANGE, say eclipse:10; exit status 4 where it is not met.",
+budget = study_verb(
+    StudyVerb(
+        name="budget",
+        package="experiments.studies.budget",
+        help="Eclipse and sunlight budget over range, rendered beside closed form, with a verdict and a report.\n\n"
+        "SCENARIO is a TOML file or the name of a shipped one.",
+        quick="Fewer ranges, noise draws and rays: a first look within 40 s.",
+        workers=True,
+        condition="'closes' or ILLUMINATION:RANGE, say eclipse:10",
+        writes="each range's EXR and PNG",
+    )
 )
-@click.option("--workers", type=click.IntRange(1), help="Processes for the noise draws; default one a core.")
-@shared_options
-def budget(options: Options, scenario: str | None, quick: bool, require: str | None, workers: int | None) -> None:
-    """Eclipse and sunlight budget over range, rendered beside closed form, with a verdict and a report.
-
-    SCENARIO is a TOML file or the name of a shipped one. Writes report.html, results.nc, and each range's EXR and PNG into the
-    folder --out (default out/budget).
-    """
-    from experiments.studies.budget import study
-
-    chosen = options.scenario(scenario)
-    condition = _parse_requirement(require, chosen)
-    if quick:
-        chosen = study.quick(chosen)
-    out = options.out or Path("out/budget")
-    ready_folder(out)
-    announce_variant(options)
-    result = with_progress(options, lambda tell: study.run_budget(chosen, out, tell, workers))
-
-    from experiments.cli.console import budget_table, verdict_panel
-    from experiments.reporting.files import write_text
-    from experiments.studies.budget.report import render_budget_report
-    from experiments.studies.budget.verdict import summarise
-
-    summary = summarise(result.dataset, result.scenario)
-    command = " ".join(["mantis budget", *([scenario] if scenario else []), *(["--quick"] if quick else [])])
-    command += "".join(f" --set {o}" for o in options.overrides) + (
-        f" --seed {options.seed}" if options.seed is not None else ""
-    )
-    write_text(render_budget_report(result, command), out / "report.html")
-    options.say(
-        budget_table(result), verdict_panel(summary), f"Report: {out / 'report.html'}   Data: {out / 'results.nc'}"
-    )
-    options.emit(study.as_json(result, summary))
-    if condition:
-        _check_requirement(condition, result.dataset)
-
-
-def _parse_requirement(require: str | None, scenario: Any) -> tuple[str, float] | None:
-    """(light or 'all', range in metres or infinity) of a condition."""
-    if require is None:
-        return None
-    if require == "closes":
-        return "all", float("inf")
-    illumination, _, limit = require.partition(":")
-    try:
-        range_m = float(limit)
-    except ValueError:
-        range_m = float("nan")
-    if illumination not in scenario.budget.illuminations or not range_m > 0:
-        raise click.UsageError(
-            f"--require {require}: expected 'closes' or ILLUMINATION:RANGE in metres, say eclipse:10"
-        )
-    nearest, furthest = scenario.budget.ranges_m[0], scenario.budget.ranges_m[-1]
-    if not nearest <= range_m <= furthest:
-        raise click.UsageError(f"--require {require}: budget.ranges_m judges {nearest:g} to {furthest:g} m only")
-    return illumination, range_m
-
-
-def _check_requirement(condition: tuple[str, float], dataset: Any) -> None:
-    illumination, limit = condition
-    exposure = "auto" if "auto" in dataset.exposure.values else dataset.exposure.values[-1]
-    closes = dataset.closes.sel(exposure=exposure)
-    closes = closes.where(dataset.range_m <= limit, drop=True).astype(bool)
-    if illumination != "all":
-        closes = closes.sel(illumination=[illumination])
-    failing = [
-        f"{float(r):g} m in {one}"
-        for one in closes.illumination.values
-        for r in closes.range_m
-        if not bool(closes.sel(illumination=one, range_m=r))
-    ]
-    if failing:
-        raise RequirementNotMet(f"the budget does not close at {', '.join(failing)} (exposure {exposure})")
 
 
 @click.command()
@@ -192,7 +121,8 @@ def expose(options: Options, basis: Path, scenario: str | None, trial: int) -> N
         )
     saturated = float((frame.electrons >= chain.usable_well_electrons(chosen.sensor)).mean())
     options.say(
-        f"{chosen.illumination}, {seconds:.4g} s, brightest {frame.electrons.max():.0f} e-, {saturated:.2%} saturated: {options.out}"
+        f"{chosen.illumination}, {seconds:.4g} s, brightest {frame.electrons.max():.0f} e-, {saturated:.2%} saturated: "
+        f"{options.out}"
     )
     options.emit(
         {
@@ -217,7 +147,7 @@ def detect(options: Options, image: Path, scenario: str | None, off: Path | None
     from experiments.reporting.files import read_image, write_text
 
     chosen = options.scenario(scenario)
-    seen = chain.detect(chosen, read_image(image), None if off is None else read_image(off))
+    seen = chain.detect(chain.Belief.of(chosen), read_image(image), None if off is None else read_image(off))
     record = detection.as_record(seen)
     options.emit(record)
     if options.out is not None:

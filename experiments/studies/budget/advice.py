@@ -27,10 +27,10 @@ _LED_FACTOR_MAX = 1000.0
 
 
 def advise(dataset: xr.Dataset, scenario: Scenario, shown: int, failing: set[str]) -> tuple[str, ...]:
-    """One statement for each thing to change or to know, in the order in which the criteria bind.
+    """One sentence for each thing to change or to know, in the order in which the criteria bind.
 
     Args:
-        dataset: of `budget.run_budget`.
+        dataset: of `study.run`.
         scenario: the one it was made from.
         shown: index of the exposure that the verdict is about.
         failing: criteria that fail somewhere with that exposure.
@@ -57,7 +57,7 @@ def advise(dataset: xr.Dataset, scenario: Scenario, shown: int, failing: set[str
 
 
 def exposure_windows(dataset: xr.Dataset, scenario: Scenario) -> xr.Dataset:
-    """Exposures [s] over range and light that just meet CNR (at least), saturation and smear (at most), in closed form.
+    """Exposures [s] over range and illumination that just meet CNR (at least), saturation and smear (at most), in closed form.
 
     Charges grow with time: saturation and smear are linear in it. CNR ≥ c is a quadratic: with rates s, b, d of signal,
     background and dark charge and noise σ, (s − b)² t² = c² [(s + b + 2d) t + 2σ²].
@@ -99,16 +99,16 @@ def _exposure_advice(dataset: xr.Dataset, windows: xr.Dataset) -> list[str]:
             f"({why}), {_place(floor, highest)} needs at least {seconds_text(least)} (CNR): let it follow range, as 'auto' does."
         ]
     shut = floor > ceiling
-    statements = []
+    sentences = []
     for illumination in dataset.illumination.values:
         grid = [float(r) for r in dataset.range_m.values]
         closed = [r for r, s in zip(grid, shut.sel(illumination=illumination).values, strict=True) if s]
         if closed:
-            statements.append(
-                f"Exposure: at {ranges_text(grid, closed)} in {ILLUMINATION_NAMES[str(illumination)]} none meets CNR and {why} together; "
-                "light or contrast must change there."
+            sentences.append(
+                f"Exposure: at {ranges_text(grid, closed)} in {ILLUMINATION_NAMES[str(illumination)]} none meets CNR and {why} "
+                "together; light or contrast must change there."
             )
-    return statements
+    return sentences
 
 
 def _led_advice(dataset: xr.Dataset, scenario: Scenario) -> list[str]:
@@ -124,7 +124,7 @@ def _led_advice(dataset: xr.Dataset, scenario: Scenario) -> list[str]:
         sun = here - led
         allowed = float((count * (limit - sun) / led).min())
         if float(sun.max()) > limit:
-            text = "sunlight alone saturates the bits; no number of LEDs mends that"
+            text = "sunlight alone saturates the bits; no number of LEDs helps"
         elif allowed >= 1:
             text = f"at most {math.floor(allowed)} of the {count} LEDs may shine"
         else:
@@ -135,27 +135,25 @@ def _led_advice(dataset: xr.Dataset, scenario: Scenario) -> list[str]:
 
 def _cnr_advice(here: xr.Dataset, windows: xr.Dataset, scenario: Scenario) -> list[str]:
     """The exposure, or the number of LEDs, that lifts the lowest CNR of each illumination to the limit."""
-    statements = []
+    sentences = []
     for illumination in here.illumination.values:
         worst = int(here.cnr_analytic.sel(illumination=illumination).fillna(np.inf).argmin("range_m"))
-        case, window = (
-            here.sel(illumination=illumination).isel(range_m=worst),
-            windows.sel(illumination=illumination).isel(range_m=worst),
-        )
+        case = here.sel(illumination=illumination).isel(range_m=worst)
+        window = windows.sel(illumination=illumination).isel(range_m=worst)
         if not float(case.cnr_analytic) < scenario.requirement.cnr_min:
             continue
         needed, ceiling = float(window.cnr), min(float(window.saturation), float(window.smear))
         text = (
-            f"CNR: at {float(case.range_m):g} m in {ILLUMINATION_NAMES[str(illumination)]} it takes {seconds_text(needed)} of exposure "
-            f"instead of {seconds_text(float(case.exposure_s))}"
+            f"CNR: at {float(case.range_m):g} m in {ILLUMINATION_NAMES[str(illumination)]} it takes {seconds_text(needed)} of "
+            f"exposure instead of {seconds_text(float(case.exposure_s))}"
         )
         if needed > ceiling:
             text += f", more than saturation and smear allow ({seconds_text(ceiling)})"
         leds = _led_factor(here.isel(range_m=worst), scenario, str(illumination))
-        statements.append(
+        sentences.append(
             text + (f"; or {factor(leds)} the LEDs' intensity." if leds else "; more LEDs do not reach it.")
         )
-    return statements
+    return sentences
 
 
 def _led_factor(at_range: xr.Dataset, scenario: Scenario, illumination: str) -> float | None:
@@ -228,7 +226,7 @@ def _detection_advice(here: xr.Dataset) -> str:
         )
         said.setdefault(text, []).append(ILLUMINATION_NAMES[str(illumination)])
     first = float(here.px_per_bit.where((here.detected_fraction < 1).any("illumination")).max())
-    parts = [f"in {listed(lights)} the marker is found {text}" for text, lights in said.items()]
+    parts = [f"in {listed(illuminations)} the marker is found {text}" for text, illuminations in said.items()]
     return f"Detection: {'; '.join(parts)}. The first misses come at {number(first)} px/bit."
 
 
@@ -238,7 +236,7 @@ def _error_advice(here: xr.Dataset, scenario: Scenario, criterion: str, variable
     def say(value: float) -> str:
         return f"{value:.2g}°" if criterion == "attitude" else percent(value)
 
-    statements = []
+    sentences = []
     for illumination in scenario.budget.illuminations:
         parts = []
         for i, range_m in enumerate(here.range_m.values):
@@ -254,8 +252,8 @@ def _error_advice(here: xr.Dataset, scenario: Scenario, criterion: str, variable
                 f"(up to {say(off.max())}){rest}"
             )
         if parts:
-            statements.append(f"{criterion.capitalize()}: in {ILLUMINATION_NAMES[illumination]} {'; '.join(parts)}.")
-    return statements
+            sentences.append(f"{criterion.capitalize()}: in {ILLUMINATION_NAMES[illumination]} {'; '.join(parts)}.")
+    return sentences
 
 
 def _evidence(here: xr.Dataset, scenario: Scenario) -> list[str]:

@@ -1,4 +1,4 @@
-"""Figures of the budget report, one panel each so that a page can set them side by side or one below the other."""
+"""Figures of a budget, one panel each so that a page can set them side by side or one below the other."""
 
 from __future__ import annotations
 
@@ -16,20 +16,17 @@ from experiments.chain.statistics import binomial_interval
 from experiments.reporting.figures import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION, new_figure
 from experiments.reporting.formatting import ILLUMINATION_NAMES, number
 from experiments.studies.budget.advice import exposure_windows
-from experiments.studies.budget.study import BudgetResult, exposure_label, shown_exposure
+from experiments.studies.budget.study import BudgetResult, shown_exposure
 from radiometry import link
-from radiometry.thesis import PrintedModel
 
-#: Exposures at which the thesis plots its figure 6.3 (section 6.2) [s].
-THESIS_EXPOSURE_S = {"eclipse": 1 / 30, "sunlit": 1e-3}
 #: OpenCV's ArUco decodes from about this many pixels per bit on (`closure.Requirement`).
 OPENCV_PX_PER_BIT = 3.0
 _SIZE_IN = (4.9, 3.9)
-_LIGHT_STYLE = {"eclipse": (BLUE, "o", -1), "sunlit": (VERMILION, "s", 1)}
+_STYLE = {"eclipse": (BLUE, "o", -1), "sunlit": (VERMILION, "s", 1)}
 
 
 def snr_panels(result: BudgetResult) -> list[Figure]:
-    """SNR against range, one panel an illumination: closed form, rendered, thesis."""
+    """SNR against range, one panel an illumination: closed form, rendered, and the most that a full pixel gives."""
     sensor = result.scenario.sensor
     figures = []
     for illumination in result.scenario.budget.illuminations:
@@ -37,11 +34,6 @@ def snr_panels(result: BudgetResult) -> list[Figure]:
             result, f"Signal-to-noise ratio in {ILLUMINATION_NAMES[illumination]}", "SNR of a bright bit [–]"
         )
         _lines(axes, result, illumination, "snr")
-        seconds = THESIS_EXPOSURE_S[illumination]
-        ranges = np.geomspace(result.dataset.range_m.values[0], result.dataset.range_m.values[-1], 100)
-        printed = PrintedModel().snr(ranges, seconds, sun=illumination == "sunlit")
-        axes.plot(ranges, printed, "--", color=BLACK, label=f"thesis, {exposure_label(seconds)}")
-        # The best that any exposure can give.
         full = link.snr(chain.usable_well_electrons(sensor), 0.0, sensor.total_noise_electrons)
         axes.axhline(float(full), color="0.45", linestyle=":", label=f"full pixel, {number(float(full))}")
         figures.append(_finish(figure))
@@ -82,9 +74,14 @@ def difference_panels(result: BudgetResult) -> list[Figure]:
             ratio = case[f"{name}_rendered"] / case[f"{name}_analytic"]
             half = case[f"{name}_rendered_ci95"] / case[f"{name}_analytic"]
             axes.errorbar(
-                ranges + 0.12 * side * step, 100 * (ratio - 1), 100 * half, fmt=marker, color=colour, elinewidth=0.9,
+                ranges + 0.12 * side * step,
+                100 * (ratio - 1),
+                100 * half,
+                fmt=marker,
+                color=colour,
+                elinewidth=0.9,
                 label=name.upper(),
-            )  # fmt: skip
+            )
         figures.append(_finish(figure, columns=3))
     return _same_scale(figures)
 
@@ -146,16 +143,21 @@ def sampling_panel(result: BudgetResult) -> Figure:
 
 
 def detection_panel(result: BudgetResult) -> Figure:
-    """Share of frames in which the marker is found, with its 95 % interval (Clopper and Pearson 1934)."""
+    """Share of frames in which the marker is found, with its exact 95 % interval."""
     figure, axes = _panel(result, "Detection", "frames with the marker found [%]", log=False)
     trials = result.scenario.budget.trials
-    for case, colour, marker, shift in _lights(result):
+    for case, colour, marker, shift in _illuminations(result):
         share = case.detected_fraction.values
         low, high = binomial_interval(np.rint(np.nan_to_num(share) * trials), trials)
         axes.errorbar(
-            case.range_m + shift, 100 * share, 100 * np.array([share - low, high - share]), fmt=marker, color=colour,
-            elinewidth=0.8, label=f"{ILLUMINATION_NAMES[str(case.illumination.values)]}, {trials} frames a point",
-        )  # fmt: skip
+            case.range_m + shift,
+            100 * share,
+            100 * np.array([share - low, high - share]),
+            fmt=marker,
+            color=colour,
+            elinewidth=0.8,
+            label=f"{ILLUMINATION_NAMES[str(case.illumination.values)]}, {trials} frames a point",
+        )
     _limit(axes, 100 * result.scenario.requirement.detection_min, "needed", " %")
     axes.set_ylim(-3, 103)
     return _finish(figure)
@@ -164,7 +166,7 @@ def detection_panel(result: BudgetResult) -> Figure:
 def attitude_panel(result: BudgetResult) -> Figure:
     """95th percentile of the attitude error of the frames in which a pose was found."""
     figure, axes = _panel(result, "Attitude", "attitude error, 95th percentile [°]", plain_ticks=True)
-    for case, colour, marker, shift in _lights(result):
+    for case, colour, marker, shift in _illuminations(result):
         axes.plot(
             case.range_m + shift,
             case.attitude_error_p95_deg,
@@ -225,12 +227,12 @@ def _exposures(result: BudgetResult, illumination: str) -> Iterable[tuple[xr.Dat
         yield case, str(case.exposure.values), {"color": colour, "marker": "." if len(case.range_m) == 1 else ""}
 
 
-def _lights(result: BudgetResult) -> Iterable[tuple[xr.Dataset, str, str, float]]:
+def _illuminations(result: BudgetResult) -> Iterable[tuple[xr.Dataset, str, str, float]]:
     """Shown results of each illumination, with colour, marker and a small shift in range that keeps both visible."""
     ranges = result.dataset.range_m.values
     step = float(np.diff(ranges).min()) if len(ranges) > 1 else 1.0
     for illumination in result.scenario.budget.illuminations:
-        colour, marker, side = _LIGHT_STYLE[illumination]
+        colour, marker, side = _STYLE[illumination]
         case = result.dataset.sel(illumination=illumination).isel(exposure=shown_exposure(result.scenario))
         yield case, colour, marker, 0.12 * side * step
 
@@ -244,6 +246,12 @@ def _lines(axes: Axes, result: BudgetResult, illumination: str, name: str) -> No
         if not saturated:
             colour = VERMILION if style["color"] == BLUE else style["color"]
             axes.errorbar(
-                case.range_m, case[f"{name}_rendered"], case[f"{name}_rendered_ci95"], fmt="o", color=colour, elinewidth=0.9,
-                capsize=1.5, label=f"rendered, {label}",
-            )  # fmt: skip
+                case.range_m,
+                case[f"{name}_rendered"],
+                case[f"{name}_rendered_ci95"],
+                fmt="o",
+                color=colour,
+                elinewidth=0.9,
+                capsize=1.5,
+                label=f"rendered, {label}",
+            )

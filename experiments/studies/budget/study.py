@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import Future
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
@@ -18,12 +17,12 @@ from experiments import chain
 from experiments.chain.executor import pool
 from experiments.chain.progress import Progress
 from experiments.chain.trials import VARIABLES, Trials, draw, known_values
+from experiments.reporting.files import write_png
 from experiments.scenario import Scenario
+from experiments.studies.budget.criteria import MEASURES
+from experiments.studies.budget.plan import FULL, Plan
 from radiometry import closure
 from scenes.files import exr
-
-if TYPE_CHECKING:
-    from experiments.studies.budget.verdict import Summary
 
 
 @dataclass(frozen=True)
@@ -39,55 +38,50 @@ class Snapshot:
 
 @dataclass(frozen=True)
 class BudgetResult:
-    """The labelled dataset of a budget and the frames that its report shows."""
+    """The dataset of a budget, the scenario with the plan that was walked through, and the frames that its page shows."""
 
     scenario: Scenario
     dataset: xr.Dataset
     snapshots: list[Snapshot]
 
 
-def quick(scenario: Scenario) -> Scenario:
-    """A coarser plan of the same scenario: seven of its ranges, eight noise draws, a quarter of the rays."""
-    ranges = scenario.budget.ranges_m
-    picked = tuple(ranges[i] for i in sorted({round(x) for x in np.linspace(0, np.sqrt(len(ranges) - 1), 7) ** 2}))
-    plan = scenario.budget.model_copy(update={"ranges_m": picked, "trials": min(8, scenario.budget.trials)})
-    render = scenario.render.model_copy(update={"marker_rays": max(10_000, scenario.render.marker_rays // 4)})
-    return scenario.at(budget=plan.model_dump(), render=render.model_dump())
-
-
-def run_budget(
-    scenario: Scenario, out_dir: Path | None = None, progress: Progress | None = None, workers: int | None = None
+def run(
+    scenario: Scenario,
+    plan: Plan = FULL,
+    progress: Progress | None = None,
+    workers: int | None = None,
+    out: Path | None = None,
 ) -> BudgetResult:
     """Render, expose, detect and judge every range, illumination and exposure of the scenario's plan.
 
     Args:
         scenario: what to judge.
-        out_dir: where EXR transport bases, 16-bit PNG frames and ``results.nc`` are written; None writes nothing.
+        plan: how much of the scenario's own plan is walked through.
         progress: called after every range and illumination.
         workers: processes for the noise draws; default one a core. The result does not depend on it.
+        out: folder for the EXR transport basis of each range, written when it is rendered, and the 16-bit PNG of each first
+            frame; None writes nothing.
 
     Raises:
         OSError: when a file cannot be written.
         ValueError: for an automatic exposure where no bit is in the nearest frame.
     """
-    plan = scenario.budget
-    if "auto" in plan.exposures_s:
-        # Refused before anything is rendered: the bits leave the frame at the nearest range first.
-        nearest = scenario.at(range_m=plan.ranges_m[0])
-        chain.solve_exposure(nearest, chain.link_budget(nearest, plan.illuminations[0]), "auto")
-    steps = [(r, illumination) for r in plan.ranges_m for illumination in plan.illuminations]
+    scenario = plan.thinned(scenario)
+    _check_exposure(scenario)
+    walk = scenario.budget
+    steps = [(r, illumination) for r in walk.ranges_m for illumination in walk.illuminations]
     pending: list[tuple[Future[list[Trials]], dict[str, list[float]]]] = []
     with pool(draw, workers) as submit:
-        for range_m in plan.ranges_m:
+        for range_m in walk.ranges_m:
             here = scenario.at(range_m=range_m)
             basis = chain.transport(here)
-            if out_dir is not None:
-                exr.write_basis(basis, out_dir / "transport" / f"range_{range_m:06.2f}m.exr")
-            for illumination in plan.illuminations:
+            if out is not None:
+                exr.write_basis(basis, out / "transport" / f"range_{range_m:06.2f}m.exr")
+            for illumination in walk.illuminations:
                 rate = chain.electron_rate(here, basis, illumination)
                 case = chain.Case(here, illumination)
                 budget = case.link_budget_beside(rate)
-                seconds = [chain.solve_exposure(here, budget, e) for e in plan.exposures_s]
+                seconds = [chain.solve_exposure(here, budget, e) for e in walk.exposures_s]
                 known = known_values(case, budget, rate, seconds)
                 pending.append((submit(case, rate, seconds), known))
                 if progress:
@@ -103,18 +97,18 @@ def run_budget(
         Snapshot(range_m, illumination, float(known["exposure_s"][shown]), case[shown].frame, case[shown].features)
         for (range_m, illumination), case, (_, known) in zip(steps, cases, pending, strict=True)
     ]
-    if out_dir is not None:
-        from experiments.reporting.files import write_netcdf, write_png
-
+    if out is not None:
         for s in snapshots:
-            write_png(s.frame, out_dir / "frames" / f"range_{s.range_m:06.2f}m_{s.illumination}.png")
-        write_netcdf(dataset, out_dir / "results.nc")
+            write_png(s.frame, out / "frames" / f"range_{s.range_m:06.2f}m_{s.illumination}.png")
     return BudgetResult(scenario, dataset, snapshots)
 
 
-def as_json(result: BudgetResult, summary: Summary) -> dict[str, object]:
-    """The whole dataset and the verdict as plain data."""
-    return {"verdict": asdict(summary), "results": result.dataset.to_dict(data="list")}
+def _check_exposure(scenario: Scenario) -> None:
+    """Refuse an automatic exposure before anything is rendered: the bits leave the frame at the nearest range first."""
+    plan = scenario.budget
+    if "auto" in plan.exposures_s:
+        nearest = scenario.at(range_m=plan.ranges_m[0])
+        chain.solve_exposure(nearest, chain.link_budget(nearest, plan.illuminations[0]), "auto")
 
 
 def shown_exposure(scenario: Scenario) -> int:
@@ -184,20 +178,16 @@ def _dataset(scenario: Scenario, cases: list[list[Trials]], known: list[dict[str
 
 def _judged(scenario: Scenario, dataset: xr.Dataset) -> xr.Dataset:
     """The dataset with the margin of every criterion, and whether all are met."""
-    columns = {
-        "saturation": "full_well_fraction", "cnr": "cnr_analytic", "sampling": "px_per_bit", "smear": "smear_px",
-        "detection": "detected_fraction", "attitude": "attitude_error_p95_deg", "range": "range_error_p95",
-    }  # fmt: skip
     full = {
-        name: dataset[column].broadcast_like(dataset.exposure_s).transpose(*dataset.exposure_s.dims)
-        for name, column in columns.items()
+        name: dataset[measure.variable].broadcast_like(dataset.exposure_s).transpose(*dataset.exposure_s.dims)
+        for name, measure in MEASURES.items()
     }
-    margins = np.empty((*dataset.exposure_s.shape, len(columns)))
+    margins = np.empty((*dataset.exposure_s.shape, len(MEASURES)))
     for index in np.ndindex(dataset.exposure_s.shape):
         values = {name: float(array.values[index]) for name, array in full.items()}
         margins[index] = [verdict.margin for verdict in closure.judge(scenario.requirement, values)]
     dims = (*dataset.exposure_s.dims, "criterion")
-    return dataset.assign_coords(criterion=("criterion", list(columns), {"long_name": "closure criterion"})).assign(
+    return dataset.assign_coords(criterion=("criterion", list(MEASURES), {"long_name": "closure criterion"})).assign(
         margin=(dims, margins, {"units": "1", "long_name": "factor by which the criterion is met; below 1 it fails"}),
         closes=(dims[:-1], (margins >= 1).all(axis=-1), {"units": "1", "long_name": "all criteria met"}),
     )

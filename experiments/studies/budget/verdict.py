@@ -1,50 +1,18 @@
-"""Plain words for a budget: where it closes, what fails by how much, and what would mend it."""
+"""The verdict on a budget in plain words: where it closes, what fails by how much, and what would help."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
 
-from experiments.reporting.formatting import ILLUMINATION_NAMES, factor, listed, number, percent, ranges_text
+from experiments.reporting.formatting import ILLUMINATION_NAMES, factor, listed, ranges_text
 from experiments.scenario import Scenario
 from experiments.studies.budget.advice import advise
+from experiments.studies.budget.criteria import EXPOSURE_CRITERIA, MEASURES
 from experiments.studies.budget.study import shown_exposure
 from radiometry.closure import CRITERIA, judge
-
-
-@dataclass(frozen=True)
-class Measure:
-    """How a closure criterion is read from the dataset and said in words."""
-
-    variable: str
-    name: str
-    heading: str
-    say: Callable[[float], str]
-    say_limit: Callable[[float], str] = number
-
-
-#: Criterion -> its measure, in the order of `closure.CRITERIA`.
-MEASURES: dict[str, Measure] = {
-    "saturation": Measure(
-        "full_well_fraction", "saturation", "bright bits over full well", lambda v: f"bright bits {number(v)} × full well"
-    ),
-    "cnr": Measure("cnr_analytic", "CNR", "contrast-to-noise ratio, closed form", lambda v: f"CNR {number(v)}"),
-    "sampling": Measure("px_per_bit", "sampling", "pixels per bit", lambda v: f"{number(v)} px/bit"),
-    "smear": Measure("smear_px", "smear", "motion during the exposure [px]", lambda v: f"{number(v)} px"),
-    "detection": Measure(
-        "detected_fraction", "detection", "share of frames with the marker found", lambda v: f"{percent(v)} of frames", percent
-    ),
-    "attitude": Measure(
-        "attitude_error_p95_deg", "attitude", "attitude error, 95th percentile", lambda v: f"{number(v)}°",
-        lambda v: f"{number(v)}°",
-    ),
-    "range": Measure("range_error_p95", "range error", "range error over range, 95th percentile", percent, percent),
-}  # fmt: skip
-#: Criteria that the closed form decides without a frame, for one exposure.
-EXPOSURE_CRITERIA = ("saturation", "cnr", "smear")
 
 
 @dataclass(frozen=True)
@@ -64,7 +32,7 @@ class CaseVerdict:
     """One illumination and exposure over all ranges.
 
     Attributes:
-        shown: whether this is the exposure that the verdict is about, `budget.shown_exposure`.
+        shown: whether this is the exposure that the verdict is about, `study.shown_exposure`.
         ranges_m, closing_m: the ranges judged, and those where every criterion is met.
         shortfalls: by range, then by criterion.
         text: where it closes, in words.
@@ -113,20 +81,12 @@ class Summary:
         """The cases of the shown exposure, one an illumination."""
         return [case for case in self.cases if case.shown]
 
-    @property
-    def lines(self) -> list[str]:
-        """The verdict for a terminal, a line a statement."""
-        lines = [self.headline]
-        for case in self.cases:
-            lines += [case.text, *(f"  {failure}" for failure in case.failures)]
-        return lines + [f"→ {statement}" for statement in self.advice]
-
 
 def summarise(dataset: xr.Dataset, scenario: Scenario) -> Summary:
     """The verdict on a budget's dataset, with advice from its closed forms.
 
     Args:
-        dataset: of `budget.run_budget`.
+        dataset: of `study.run`.
         scenario: the one it was made from.
     """
     shown = shown_exposure(scenario)
@@ -166,10 +126,15 @@ def _case(here: xr.Dataset, scenario: Scenario, shown: bool) -> CaseVerdict:
         failing = [name for name in failing if name in EXPOSURE_CRITERIA]  # the frames follow from them
     where = "every range" if len(closing) == len(ranges) else ranges_text(ranges, closing)
     return CaseVerdict(
-        illumination, label, shown, ranges, closing, tuple(shortfalls),
-        f"{ILLUMINATION_NAMES[illumination].capitalize()}, {exposure_name(label)}: closes at {where}.",
-        tuple(_failure_text(ranges, [s for s in shortfalls if s.criterion == name]) for name in failing),
-    )  # fmt: skip
+        illumination=illumination,
+        exposure=label,
+        shown=shown,
+        ranges_m=ranges,
+        closing_m=closing,
+        shortfalls=tuple(shortfalls),
+        text=f"{ILLUMINATION_NAMES[illumination].capitalize()}, {exposure_name(label)}: closes at {where}.",
+        failures=tuple(_failure_text(ranges, [s for s in shortfalls if s.criterion == name]) for name in failing),
+    )
 
 
 def _shortfall_text(name: str, value: float, limit: float) -> str:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import xarray as xr
 
-from experiments.chain.executor import Crew
+from experiments.chain.executor import Executor
 from experiments.chain.progress import Progress
 from experiments.studies.sweep.dataset import make_dataset, write_dataset
 from experiments.studies.sweep.dispatch import dispatch
@@ -50,7 +50,7 @@ def run_sweep(
     out: Path,
     *,
     resume: bool = False,
-    crew: Callable[[], Crew] | None = None,
+    executor: Callable[[], Executor] | None = None,
     progress: Progress | None = None,
 ) -> Outcome:
     """Compute every case that the journal beside `out` does not hold yet, and write the dataset to `out`.
@@ -58,7 +58,8 @@ def run_sweep(
     Args:
         out: NetCDF, or Zarr where it ends in .zarr.
         resume: go on with an interrupted sweep; without it an unfinished journal is refused.
-        crew: makes the workers (`experiments.chain.executor`); none computes here. The result does not depend on them.
+        executor: makes the workers (`experiments.chain.executor`); without one this process computes. The result does not
+            depend on them.
         progress: called with the finished cases.
 
     Raises:
@@ -72,7 +73,7 @@ def run_sweep(
     try:
         todo = [(i, scenario) for i, scenario in enumerate(sweep.scenarios) if i not in records]
         rendered = 0
-        for done in _computed(todo, crew):
+        for done in _computed(todo, executor):
             journal.append([(index, record) for index, record, _ in done])
             records.update({index: record for index, record, _ in done})
             rendered += sum(count for *_, count in done)
@@ -87,17 +88,17 @@ def run_sweep(
     return Outcome(dataset, rendered, len(todo), sum("values" not in record for record in ordered))
 
 
-def _computed(cases: list[Case], crew: Callable[[], Crew] | None) -> Iterator[list[Done]]:
+def _computed(cases: list[Case], executor: Callable[[], Executor] | None) -> Iterator[list[Done]]:
     """Results as they come."""
-    if crew is None or not cases:
+    if executor is None or not cases:
         yield from ([done] for done in compute(cases))
         return
-    with crew() as workers:
-        tasks = _strands(cases, workers.width())
-        yield from dispatch(tasks, partial(compute_task, expected=software()), workers, _given_up)
+    with executor() as workers:
+        groups = _task_groups(cases, workers.width())
+        yield from dispatch(groups, partial(compute_task, expected=software()), workers, _given_up)
 
 
-def _strands(cases: list[Case], workers: int) -> list[list[list[Case]]]:
+def _task_groups(cases: list[Case], workers: int) -> list[list[list[Case]]]:
     """Tasks by geometry. The first one of a geometry goes alone, for it renders; the others read what it left.
 
     Geometries of few cases share a task.
@@ -106,18 +107,18 @@ def _strands(cases: list[Case], workers: int) -> list[list[list[Case]]]:
     geometries: dict[str, list[Case]] = {}
     for index, scenario in cases:
         geometries.setdefault(transport_key(scenario), []).append((index, scenario))
-    strands: list[list[list[Case]]] = []
+    groups: list[list[list[Case]]] = []
     small: list[Case] = []
     for members in geometries.values():
         if len(members) > most // 2:
-            ordered = [case for lit in by_illumination(members) for case in lit]
-            strands.append([ordered[i : i + most] for i in range(0, len(ordered), most)])
+            ordered = [case for alike in by_illumination(members) for case in alike]
+            groups.append([ordered[i : i + most] for i in range(0, len(ordered), most)])
             continue
         small += members
         if len(small) > most // 2:
-            strands.append([small])
+            groups.append([small])
             small = []
-    return [*strands, *([[small]] if small else [])]
+    return [*groups, *([[small]] if small else [])]
 
 
 def _given_up(case: Case) -> list[Done]:

@@ -26,6 +26,8 @@ Record = dict[str, Any]
 Done = tuple[int, Record, int]
 
 _PACKAGES = ("radiometry", "materials", "scenes", "detector", "experiments")
+#: Folders of the last of them that cases of a sweep run through.
+_ROOMS = ("experiments/scenario", "experiments/chain", "experiments/studies/sweep")
 _LIBRARIES = ("mitsuba", "drjit", "numpy", "scipy", "opencv-python-headless", "colour-science", "numba")
 #: Threads of one process would share the renderer's state.
 _ONE_AT_A_TIME = threading.Lock()
@@ -48,15 +50,16 @@ def software() -> str:
 def _sources(folder: Traversable, name: str) -> Iterator[tuple[str, Traversable]]:
     for entry in folder.iterdir():
         inner = f"{name}/{entry.name}"
-        if entry.is_dir() and entry.name != "__pycache__" and not _elsewhere(inner):
+        if entry.is_dir() and entry.name != "__pycache__" and _runs_through(inner):
             yield from _sources(entry, inner)
         elif entry.is_file() and entry.name.endswith((".py", ".toml", ".csv", ".json")):
             yield inner, entry
 
 
-def _elsewhere(folder: str) -> bool:
-    """Other studies and the command line: no case of a sweep runs through them."""
-    return folder.startswith("experiments/") and folder != "experiments/sweep"
+def _runs_through(folder: str) -> bool:
+    """Whether cases of a sweep run through a folder or one inside it: not through other studies and the command line."""
+    inside = any(folder == room or folder.startswith(f"{room}/") or room.startswith(f"{folder}/") for room in _ROOMS)
+    return inside or not folder.startswith("experiments/")
 
 
 def compute_task(cases: Sequence[Case], expected: str) -> list[Done]:
@@ -89,8 +92,8 @@ def compute(cases: Sequence[Case]) -> Iterator[Done]:
         if isinstance(basis, Exception):
             yield from ((index, failure(basis), 0) for index, _ in members)
             continue
-        for lit in by_illumination(members):
-            for index, record in _lit_cases(lit, basis):
+        for alike in by_illumination(members):
+            for index, record in _of_one_illumination(alike, basis):
                 yield index, record, rendered
                 rendered = 0
 
@@ -128,7 +131,7 @@ def by_illumination(cases: Sequence[Case]) -> list[list[Case]]:
     return list(groups.values())
 
 
-def _lit_cases(cases: Sequence[Case], basis: TransportBasis) -> Iterator[tuple[int, Record]]:
+def _of_one_illumination(cases: Sequence[Case], basis: TransportBasis) -> Iterator[tuple[int, Record]]:
     """Records of cases that differ in their exposure alone."""
     scenario, left = cases[0][1], list(cases)
     illumination = scenario.illumination

@@ -55,13 +55,10 @@ class Agreement:
         return abs(self.difference) <= TOLERANCE + 4 * self.uncertainty
 
 
-def run(scenario: Scenario, out_dir: Path | None = None) -> tuple[list[Agreement], dict[str, float]]:
+def run(scenario: Scenario) -> tuple[list[Agreement], dict[str, float]]:
     """All checks of a scenario's sources, optics and materials, tilted at 2 m and with a sensor of sloped QE; and indirect light.
 
     prysm is a development extra; where it is not installed its lines are missing.
-
-    Args:
-        out_dir: where crosschecks.csv is written; None writes nothing.
     """
     sensor = presets()["icx429al"].sensor
     near = scenario.at(
@@ -73,17 +70,7 @@ def run(scenario: Scenario, out_dir: Path | None = None) -> tuple[list[Agreement
     checks = [*stock_transport(near), *spectral_integrals(near)]
     if find_spec("prysm"):
         checks += prysm_electrons(sensor, np.array([1e4, 1e5, 1e6]), 1e-2)
-    indirect = indirect_light(near)
-    if out_dir is not None:
-        from experiments.reporting.files import write_text
-
-        lines = ["quantity,by,ours,theirs,difference,uncertainty"]
-        lines += [
-            f'"{c.what}",{c.by},{c.ours:.7g},{c.theirs:.7g},{c.difference:.2e},{c.uncertainty:.1e}' for c in checks
-        ]
-        lines += [f'"indirect light, {part}",Mitsuba path,,,{gain:.2e},' for part, gain in indirect.items()]
-        write_text("\n".join(lines) + "\n", out_dir / "crosschecks.csv")
-    return checks, indirect
+    return checks, indirect_light(near)
 
 
 def stock_transport(scenario: Scenario, samples: int = 64, repeats: int = 4) -> list[Agreement]:
@@ -107,13 +94,18 @@ def stock_transport(scenario: Scenario, samples: int = 64, repeats: int = 4) -> 
     response = chain.responsivity(scenario)
     grid = np.arange(np.floor(response.support_nm[0]), np.ceil(response.support_nm[1]) + 1)
     film = {
-        "type": "specfilm", "width": view.camera.width_px, "height": view.camera.height_px, "component_format": "float32",
+        "type": "specfilm",
+        "width": view.camera.width_px,
+        "height": view.camera.height_px,
+        "component_format": "float32",
         "rfilter": {"type": "box"},
         "band": {
-            "type": "regular", "wavelength_min": float(grid[0]), "wavelength_max": float(grid[-1]),
+            "type": "regular",
+            "wavelength_min": float(grid[0]),
+            "wavelength_max": float(grid[-1]),
             "values": ",".join(f"{v:.9g}" for v in response(grid) / response.values.max()),
         },
-    }  # fmt: skip
+    }
     parts = {
         "bright bits": chain.bit_pixels(view, scenario.marker.white_bit_centres_m()),
         "dark cells": chain.bit_pixels(view, scenario.marker.black_bit_centres_m()),
@@ -158,10 +150,8 @@ def spectral_integrals(scenario: Scenario) -> list[Agreement]:
     shape = colour.SpectralShape(low, high, 1 / 32)  # a power of two: colour's grids must divide exactly
     camera = _distribution(shape.wavelengths, response(shape.wavelengths))
     sun = am0_spectrum() * scenario.sun.distance_au**-2
-    line, near = (
-        scenario.leds.spectral_intensity(),
-        np.abs(sun.wavelength_nm - (low + high) / 2) < (high - low) / 2 + 10,
-    )
+    line = scenario.leds.spectral_intensity()
+    near = np.abs(sun.wavelength_nm - (low + high) / 2) < (high - low) / 2 + 10
     grid = np.arange(low - 10, high + 10, 0.5)
     result = []
     for name, spectrum, knots in (("sun", sun, sun.wavelength_nm[near]), ("led", line, grid)):
@@ -198,27 +188,27 @@ def prysm_electrons(
     np.random.seed(seed)  # noqa: NPY002
     try:
         device = Detector(
-            dark_current=sensor.dark_rate_electrons_per_s, read_noise=sensor.read_noise_electrons,
-            bias=(sensor.offset_dn + 0.5) * gain, fwc=np.inf, conversion_gain=gain,
-            bits=sensor.bits, exposure_time=exposure_s,
-        )  # fmt: skip
+            dark_current=sensor.dark_rate_electrons_per_s,
+            read_noise=sensor.read_noise_electrons,
+            bias=(sensor.offset_dn + 0.5) * gain,
+            fwc=np.inf,
+            conversion_gain=gain,
+            bits=sensor.bits,
+            exposure_time=exposure_s,
+        )
         drawn = [np.asarray(device.expose(np.full(shape, rate)), float) for rate in rates]
     finally:
         np.random.set_state(state)  # noqa: NPY002
     result = []
     for rate, dn in zip(rates, drawn, strict=True):
         mean, variance = (float(m[0]) for m in moments(sensor, np.array([rate]), exposure_s))
-        electrons = rate * exposure_s
-        count = dn.size
-        result.append(
-            Agreement(
-                f"mean of {electrons:.0f} e-", "prysm", mean - sensor.offset_dn, dn.mean() - sensor.offset_dn,
-                np.sqrt(variance / count) / (mean - sensor.offset_dn),
-            )
-        )  # fmt: skip
-        result.append(
-            Agreement(f"variance of {electrons:.0f} e-", "prysm", variance, dn.var(ddof=1), np.sqrt(2 / (count - 1)))
-        )
+        level, drawn_level = mean - sensor.offset_dn, dn.mean() - sensor.offset_dn
+        of_mean, of_variance = np.sqrt(variance / dn.size) / level, np.sqrt(2 / (dn.size - 1))
+        charge = f"{rate * exposure_s:.0f} e-"
+        result += [
+            Agreement(f"mean of {charge}", "prysm", level, drawn_level, of_mean),
+            Agreement(f"variance of {charge}", "prysm", variance, dn.var(ddof=1), of_variance),
+        ]
     return result
 
 

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter
 
 from experiments.reporting.figures import BLACK, COLOURS, MARKERS, new_figure
-from experiments.studies.validate.study import COARSE_TOLERANCE, FINE_PX_PER_BIT, FINE_TOLERANCE, QUANTITIES
+from experiments.studies.validate.cells import QUANTITIES
+from experiments.studies.validate.study import COARSE_TOLERANCE, FINE_PX_PER_BIT, FINE_TOLERANCE
 
 _TITLES = {"signal": "Signal S", "background": "Background B", "snr": "SNR", "cnr": "CNR"}
 #: Differences are drawn linearly up to this, logarithmically beyond [%].
@@ -76,14 +79,12 @@ def error_budget(dataset: xr.Dataset) -> Figure:
     for axis in axes[0]:
         axis.set(xlabel="range [m]", yscale="log", ylim=(1e-7, 5))
         axis.legend(fontsize=7, loc="lower right", frameon=True, framealpha=0.85)
-    axes[0, 0].set_ylabel(f"relative change ({label})")
+    axes[0, 0].set_ylabel(f"relative change [–] ({label})")
     return figure
 
 
 def _lines(axis: Axes, terms: xr.DataArray, dim: str, styles: dict[str, str]) -> None:
     for k, name in enumerate(terms[dim].values):
         size = abs(terms.sel({dim: name}))
-        axis.plot(
-            terms.range_m, size.where(size > 0), styles.get(str(name), "-"), marker=MARKERS[k], color=COLOURS[k],
-            label=str(name).replace("_", " "),
-        )  # fmt: skip
+        style: dict[str, Any] = {"marker": MARKERS[k], "color": COLOURS[k], "label": str(name).replace("_", " ")}
+        axis.plot(terms.range_m, size.where(size > 0), styles.get(str(name), "-"), **style)
