@@ -65,7 +65,6 @@ class StudyVerb:
         condition: what `--require` takes where it is free text; see above.
         writes: what the run itself writes into the folder as it goes, because memory should not hold all of it; empty for
             nothing. Its `run` takes the folder as `out`.
-        stem: name of the page's files; default the verb's.
         plan: options that change the plan.
     """
 
@@ -81,7 +80,6 @@ class StudyVerb:
     require: Mapping[str, str] | None = None
     condition: str = ""
     writes: str = ""
-    stem: str = ""
     plan: Sequence[PlanOption] = ()
 
 
@@ -92,9 +90,11 @@ def study_verb(study: StudyVerb) -> click.Command:
     def run(options: Options, source: str | None = None, **given: Any) -> None:
         _run(study, options, source, given)
 
-    rest = f"data, figures, and {study.writes}" if study.writes else "data and figures"
-    written = f"report.html, {study.stem or study.name}.md, {rest}"
-    run.__doc__ = f"{study.help}\n\nWrites {written} into the folder --out (default out/{study.name})."
+    more = f", and {study.writes}," if study.writes else ""
+    run.__doc__ = (
+        f"{study.help}\n\nWrites report.html, the page in Markdown, data and figures{more} into the folder --out (default "
+        f"out/{study.name})."
+    )
     command: Callable[..., Any] = run
     for option in reversed(_options(study)):
         command = option(command)
