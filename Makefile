@@ -3,7 +3,7 @@ SHELL := /bin/sh
 PYTHON_VENV := .venv/bin/python
 READY := .venv/.ready
 
-.PHONY: setup budget test lint quick docs bench clean
+.PHONY: setup budget test coverage lint quick docs bench clean
 .DEFAULT_GOAL := budget
 
 setup: $(READY)
@@ -20,6 +20,12 @@ budget: setup
 test: export OPENBLAS_NUM_THREADS := 1
 test: setup
 	$(PYTHON_VENV) -m pytest -n 2 --dist loadfile $(ARGS)
+
+# Every test, and how much of the code they run; fails below the floor of pyproject.toml. What is compiled (numba, Dr.Jit) is not
+# seen, nor what workers do in processes of their own.
+coverage: export OPENBLAS_NUM_THREADS := 1
+coverage: setup
+	$(PYTHON_VENV) -m pytest -n 2 --dist loadfile --cov --cov-report=term $(ARGS)
 
 lint: setup
 	.venv/bin/ruff check .
@@ -62,5 +68,5 @@ bench: setup
 	$(PYTHON_VENV) -m benchmarks $(ARGS)
 
 clean:
-	rm -rf .venv out build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf .venv out build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

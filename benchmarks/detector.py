@@ -13,7 +13,7 @@ from detector.pose.pose import solve_pose
 from detector.sensor.noise import noise_of
 from experiments import chain
 from experiments.scenario import load_scenario
-from experiments.thesis.baseline import to_eight_bits
+from experiments.studies.shared.baseline import to_eight_bits
 from scenes.marker import aruco_dictionary
 
 TITLE = "Features and pose of one frame"

@@ -157,7 +157,7 @@ def _profile(views: list[Any], triangles: bool) -> tuple[float, dict[str, float]
         start = time.perf_counter()
         list(render_bases(views))
         total = (time.perf_counter() - start) / len(views)
-    tracer._world.cache_clear()
+    tracer._scene.cache_clear()
     return total, {stage: seconds / len(views) for stage, seconds in spent.items()}
 
 
@@ -185,18 +185,18 @@ def _timed(name: str, stage: str, spent: dict[str, float]) -> Iterator[None]:
 
 @contextmanager
 def _triangles() -> Iterator[None]:
-    """Worlds without the marker's closed form."""
-    from scenes.render import scene as world
+    """Scenes without the marker's closed form."""
     from scenes.render import tracer
+    from scenes.render.scene import Scene
 
-    tracer._world.cache_clear()
-    build = world.World.__init__
+    tracer._scene.cache_clear()
+    build = Scene.__init__
 
     def plain(self: Any, *args: Any) -> None:
         build(self, *args)
         self.marker = None
 
-    with patch.object(world.World, "__init__", plain):
+    with patch.object(Scene, "__init__", plain):
         yield
 
 
@@ -205,10 +205,10 @@ def _bare_rays_per_second(views: list[Any]) -> float:
     import drjit as dr
     import mitsuba as mi
 
-    from scenes.render.tracer import Kind, _world
+    from scenes.render.tracer import Kind, _scene
 
     view = views[0]
-    scene = _world(Kind.of(view).marker, Kind.of(view).surface).scene
+    scene = _scene(Kind.of(view).marker, Kind.of(view).surface).solids
     width, height, rays = view.camera.width_px, view.camera.height_px, 256
     rng = np.random.default_rng(1)
     row, column, _ = np.indices((height, width, rays)).reshape(3, -1)

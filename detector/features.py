@@ -88,8 +88,16 @@ def find_features(
     found, other = _find_pattern(frame, marker, sigma_px, noise)
     if found is None:
         seen = f"only identity {other} seen" if other is not None else "no marker found"
-        return Features(other, None, None, dict.fromkeys(ELEMENT_NAMES), {}, {}, seen)
-    blobs = find_blobs(frame, found, marker, camera, sigma_px, noise, light_ring_m)
+        return Features(
+            identity=other,
+            corners_px=None,
+            corners_covariance_px2=None,
+            blobs_px=dict.fromkeys(ELEMENT_NAMES),
+            blob_sigma_px={},
+            virtual_points_px={},
+            reason=seen,
+        )
+    blobs = find_blobs(frame, found, marker, camera, sigma_px=sigma_px, noise=noise, light_ring_m=light_ring_m)
     found = _refined(found, frame, marker, blobs, sigma_px, noise)
     good = {name: blob for name, blob in blobs.items() if isinstance(blob, Blob)}
     missing = [f"{name} blob: {why}" for name, why in blobs.items() if isinstance(why, str)]

@@ -83,8 +83,10 @@ def in_the_image(found: Features, camera: Camera, ideal: Camera) -> Features:
 
     blobs = {name: None if place is None else back(place) for name, place in found.blobs_px.items()}
     virtual = {name: back(place) for name, place in found.virtual_points_px.items()}
-    if found.corners_px is None or found.joint_covariance_px2 is None:
+    if found.corners_px is None:
         return replace(found, blobs_px=blobs, virtual_points_px=virtual)
+    if found.joint_covariance_px2 is None:
+        return replace(found, corners_px=back(found.corners_px), blobs_px=blobs, virtual_points_px=virtual)
     step = 1e-3 * np.eye(2)
     turn = np.zeros((8, 8))
     for k, corner in enumerate(found.corners_px):

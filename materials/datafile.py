@@ -1,7 +1,7 @@
-"""What a material's data file may hold: a TOML file, checked key by key before it becomes a `materials.library.Material`.
+"""The form of a material's data file: a TOML file, checked key by key before it becomes a `materials.library.Material`.
 
-A spectral entry is one number, the same at every wavelength, or a list of [wavelength_nm, value] pairs, linear between the
-pairs and held constant beyond them.
+A spectral entry is one number, which holds at every wavelength, or a list of [wavelength_nm, value] pairs. Between the
+pairs it is linear, beyond them constant.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class _Entry(BaseModel):
 
 
 class Sourced(_Entry):
-    """Where figures come from; `assumption` says that some of them have no source."""
+    """Where figures come from. `assumption` says that some of them have no source."""
 
     source: Text = Field(description="publication, standard or data sheet, or what is assumed")
     date: Annotated[str, BeforeValidator(str)] = Field(description="when the source was made or read")
@@ -135,7 +135,7 @@ class EndOfLife(Sourced):
 
 
 class MaterialFile(Sourced):
-    """A data file, checked."""
+    """A checked data file."""
 
     title: Text = Field(description="what the material is, in one line")
     diffuse: _Diffuse
@@ -144,12 +144,16 @@ class MaterialFile(Sourced):
     end_of_life: EndOfLife | None = None
 
     def lobes(self) -> Lobes:
-        """Shape of the reflectance."""
+        """Shape of the reflectance that the file describes."""
         return Lobes(self.retro.table() if self.retro else None, self.gloss.ggx_alpha if self.gloss else None)
 
 
 def parse(text: str, name: str) -> MaterialFile:
-    """A data file from its text.
+    """Read and check the text of a data file.
+
+    Args:
+        text: the TOML text.
+        name: of the material, for messages.
 
     Raises:
         ValueError: one line with the file's name, the key, its value, what was expected, and the unit.
@@ -183,8 +187,11 @@ def _explain(error: ValidationError) -> str:
 def _described(location: tuple[int | str, ...]) -> tuple[type[BaseModel], str]:
     """The table in which a key stands, and the key's description with its unit."""
     tables: dict[str, type[BaseModel]] = {
-        "diffuse": _Diffuse, "gloss": _Gloss, "retro": _Retro, "end_of_life": EndOfLife,
-    }  # fmt: skip
+        "diffuse": _Diffuse,
+        "gloss": _Gloss,
+        "retro": _Retro,
+        "end_of_life": EndOfLife,
+    }
     model: type[BaseModel] = MaterialFile
     about = ""
     for k, part in enumerate(location):

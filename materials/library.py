@@ -25,7 +25,16 @@ _LED_NM = 850.0
 
 @dataclass(frozen=True)
 class Material:
-    """A reflective surface: the shape of its lobes, the spectrum of each, and where the figures come from."""
+    """A reflective surface: the shape of its lobes, the spectrum of each, and where the figures come from.
+
+    Attributes:
+        name: by which `load` finds it.
+        title: what it is, in one line.
+        source, date, uncertainty: of the figures, in words.
+        assumption: whether some figure has no source.
+        lobes: shape of the reflectance.
+        diffuse, gloss, retro: what scales each lobe, over wavelength [-].
+    """
 
     name: str
     title: str
@@ -41,31 +50,61 @@ class Material:
     def brdf(
         self, normal: ArrayLike, to_source: ArrayLike, to_viewer: ArrayLike, wavelength_nm: ArrayLike
     ) -> FloatArray:
-        """f [sr⁻¹] for unit vectors (..., 3) that leave the surface, and wavelengths broadcast against them [nm].
+        """BRDF f [sr⁻¹]; zero where source or viewer stand behind the surface.
 
-        Zero where source or viewer stand behind the surface.
+        Args:
+            normal: unit vector (..., 3).
+            to_source: unit vector that leaves the surface, (..., 3).
+            to_viewer: unit vector that leaves the surface, (..., 3).
+            wavelength_nm: broadcasts against the leading shape of the vectors [nm].
+
+        Returns:
+            (...) [sr⁻¹].
+
+        Example:
+            A perfect diffuser would have 1/π = 0.318 sr⁻¹; Spectralon comes near to it:
+
+            >>> from materials import library
+            >>> up = [0.0, 0.0, 1.0]
+            >>> round(float(library.load("spectralon").brdf(up, up, up, 850.0)), 3)
+            0.315
         """
         normal, to_source, to_viewer = (np.asarray(v, float) for v in (normal, to_source, to_viewer))
         cos_i, cos_o = np.sum(normal * to_source, axis=-1), np.sum(normal * to_viewer, axis=-1)
         lit = (cos_i > 0) & (cos_o > 0)
         value = self.lobes.evaluate(
-            np, np.where(lit, cos_i, 1.0), np.where(lit, cos_o, 1.0), np.minimum(chord_squared(to_source, to_viewer), 4.0),
-            self.diffuse(wavelength_nm), self.gloss(wavelength_nm), self.retro(wavelength_nm),
-        )  # fmt: skip
+            np,
+            np.where(lit, cos_i, 1.0),
+            np.where(lit, cos_o, 1.0),
+            np.minimum(chord_squared(to_source, to_viewer), 4.0),
+            diffuse=self.diffuse(wavelength_nm),
+            gloss=self.gloss(wavelength_nm),
+            retro=self.retro(wavelength_nm),
+        )
         return np.where(lit, value, 0.0)
 
     def albedo(self, entrance_rad: float, wavelength_nm: float, samples: int = 400) -> float:
-        """Directional-hemispherical reflectance ∫ f cosθ_o dω_o of light that arrives at an angle from the normal."""
+        """Share of the light from one direction that the surface reflects into the half space: ∫ f cosθ_o dω_o [-].
+
+        Args:
+            entrance_rad: angle of the light from the normal [rad].
+            wavelength_nm: of the light [nm].
+            samples: nodes of the quadrature along each axis.
+        """
         shares = self.lobe_albedos(entrance_rad, samples)
         return float(
             sum(s(wavelength_nm) * a for s, a in zip((self.diffuse, self.gloss, self.retro), shares, strict=True))
         )
 
     def lobe_albedos(self, entrance_rad: float, samples: int = 400) -> tuple[float, float, float]:
-        """What each lobe returns of the light that arrives, where its spectrum is one: diffuse, gloss, retro.
+        """What each lobe reflects of the light that arrives, where its spectrum is one: diffuse, gloss and retro [-].
 
-        The mirror lobe is integrated over half vectors, the retro lobe over directions about the source. Both by the midpoint
-        rule, spaced so that a narrow lobe and its far tail are resolved alike.
+        The mirror lobe is integrated over half vectors, the retro lobe over directions about the source. Both use the
+        midpoint rule, with nodes spaced so that a narrow lobe and its far tail are resolved alike.
+
+        Args:
+            entrance_rad: angle of the light from the normal [rad].
+            samples: nodes of the quadrature along each axis.
         """
         source = np.array([np.sin(entrance_rad), 0.0, np.cos(entrance_rad)])
         azimuth = (np.arange(samples) + 0.5) * 2 * np.pi / samples
@@ -91,10 +130,9 @@ class Material:
     def _lobe(self, name: str, to_source: FloatArray, to_viewer: FloatArray) -> FloatArray:
         """f cosθ_o of one lobe alone, its spectrum set to one, for a normal along z."""
         cos_o = to_viewer[..., 2]
-        value = self.lobes.evaluate(
-            np, to_source[2], np.where(cos_o > 0, cos_o, 1.0), np.minimum(chord_squared(to_source, to_viewer), 4.0),
-            **{lobe: float(lobe == name) for lobe in ("diffuse", "gloss", "retro")},
-        )  # fmt: skip
+        alone = {lobe: float(lobe == name) for lobe in ("diffuse", "gloss", "retro")}
+        chord2 = np.minimum(chord_squared(to_source, to_viewer), 4.0)
+        value = self.lobes.evaluate(np, to_source[2], np.where(cos_o > 0, cos_o, 1.0), chord2, **alone)
         return np.where(cos_o > 0, value * cos_o, 0.0)
 
 
@@ -106,7 +144,7 @@ def _cone(side: FloatArray, axis: FloatArray, cosine: FloatArray, azimuth: Float
 
 
 def available() -> tuple[str, ...]:
-    """Names of all shipped materials, sorted; those that end in `_eol` are at the end of their life."""
+    """Names of all shipped materials, sorted. Names that end in `_eol` are the same materials at the end of their life."""
     shipped = _shipped()
     worn = (name + END_OF_LIFE for name, text in shipped.items() if parse(text, name).end_of_life is not None)
     return tuple(sorted([*shipped, *worn]))
@@ -116,16 +154,31 @@ def load(name: str) -> Material:
     """A material of the library, or of a user's own data file.
 
     Args:
-        name: a shipped name, or the path of a file that ends in `.toml`; with `_eol` appended, at the end of its life.
+        name: a shipped name, or the path of a file that ends in `.toml`. With `_eol` appended, the material at the end of
+            its life.
 
     Raises:
-        ValueError: when there is no such material, its file is wrong, or it would return more light than it receives.
+        ValueError: when the material is unknown, its file cannot be read or is wrong, or it returns more light than
+            arrives.
+
+    Example:
+        >>> from materials import library
+        >>> tape = library.load("tape_type_xi")
+        >>> tape.lobes.retro is not None, tape.albedo(0.0, 850.0) < 1.0
+        (True, True)
     """
     return _material(name, _text(name))
 
 
 def fingerprint(name: str) -> str:
-    """What tells a material from any other: a shipped name itself, and the content of a user's file."""
+    """A material's content as a short text: a shipped name itself, or the SHA-256 of a user's own data file.
+
+    Args:
+        name: as for `load`.
+
+    Raises:
+        ValueError: when the material is unknown or its file cannot be read.
+    """
     if name.removesuffix(END_OF_LIFE) in _shipped():
         return name
     suffix = END_OF_LIFE if name.endswith(END_OF_LIFE) else ""
@@ -133,12 +186,23 @@ def fingerprint(name: str) -> str:
 
 
 def is_path(name: str) -> bool:
-    """Whether a material's name is the path of a data file."""
+    """Whether a material's name is the path of a data file.
+
+    Args:
+        name: as for `load`.
+    """
     return name.removesuffix(END_OF_LIFE).endswith(".toml")
 
 
 def widest_half_angle_deg(peak_per_sr: float, share: float = 1.0) -> float:
-    """Half angle of the widest top-hat of a height that returns at most a share of the light: f₀ π sin²θ ≤ share [deg]."""
+    """Half angle of the widest top-hat lobe of a given height that reflects no more than a share of the light [deg].
+
+    From f₀ π sin²θ ≤ share.
+
+    Args:
+        peak_per_sr: height f₀ of the lobe [sr⁻¹].
+        share: of the light that arrives [-].
+    """
     return float(np.degrees(np.arcsin(np.sqrt(min(1.0, max(0.0, share) / (np.pi * peak_per_sr))))))
 
 
@@ -188,7 +252,14 @@ def _material(name: str, text: str) -> Material:
         spectra = {lobe: spectrum * getattr(worn, lobe) for lobe, spectrum in spectra.items()}
         origin, title, assumption = worn, f"{data.title}, end of life", data.assumption or worn.assumption
     material = Material(
-        name, title, origin.source, origin.date, origin.uncertainty, assumption, data.lobes(), **spectra
+        name=name,
+        title=title,
+        source=origin.source,
+        date=origin.date,
+        uncertainty=origin.uncertainty,
+        assumption=assumption,
+        lobes=data.lobes(),
+        **spectra,
     )
     _assert_energy(material)
     return material

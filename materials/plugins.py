@@ -15,7 +15,7 @@ _registered: set[str] = set()
 
 
 def register() -> None:
-    """Make ``mantis_material`` known to the variant that is set. Its property `material` is a name of the library."""
+    """Make ``mantis_material`` known to Mitsuba's current variant. The plugin's property `material` is a name of the library."""
     variant = mi.variant()
     if variant not in _registered:
         mi.register_bsdf("mantis_material", _bsdf_class())
@@ -23,7 +23,11 @@ def register() -> None:
 
 
 def texture(spectrum: Spectrum) -> dict[str, Any]:
-    """Scene description of a spectrum, given over the whole near infrared so that no built-in data are consulted."""
+    """Scene description of a spectrum. It covers the whole near infrared, so that Mitsuba consults no built-in data.
+
+    Args:
+        spectrum: of a reflectance or a factor.
+    """
     if np.ptp(spectrum.values) == 0:
         return {"type": "uniform", "value": float(spectrum.values[0])}
     return {
@@ -36,8 +40,12 @@ def texture(spectrum: Spectrum) -> dict[str, Any]:
 def bsdf_dict(material: Material) -> dict[str, Any]:
     """Scene description of a material.
 
-    Lambertian materials become Mitsuba's own ``diffuse``; in scalar variants, where a Python BSDF is two orders of magnitude
-    slower, glossy ones become its ``roughconductor`` blended with ``diffuse``. Tests hold both equal to the definition.
+    A Lambertian material becomes Mitsuba's own ``diffuse``. In scalar variants, where a Python BSDF is two orders of
+    magnitude slower, a glossy one becomes Mitsuba's ``roughconductor`` blended with ``diffuse``. Tests hold both equal to
+    the definition.
+
+    Args:
+        material: of the library.
     """
     if material.lobes.retro is None and material.lobes.gloss_alpha is None:
         return {"type": "diffuse", "reflectance": texture(material.diffuse)}
@@ -49,10 +57,13 @@ def bsdf_dict(material: Material) -> dict[str, Any]:
             "weight": weight,
             "first": {"type": "diffuse", "reflectance": texture(material.diffuse * (1 / (1 - weight)))},
             "second": {
-                "type": "roughconductor", "material": "none", "distribution": "ggx", "alpha": material.lobes.gloss_alpha,
+                "type": "roughconductor",
+                "material": "none",
+                "distribution": "ggx",
+                "alpha": material.lobes.gloss_alpha,
                 "specular_reflectance": texture(material.gloss * (1 / weight)),
             },
-        }  # fmt: skip
+        }
     return {"type": "mantis_material", "material": material.name}
 
 
@@ -80,9 +91,14 @@ def _bsdf_class() -> type:
             cos_i, cos_o = mi.Frame3f.cos_theta(si.wi), mi.Frame3f.cos_theta(wo)
             active = mi.Mask(active) & (cos_i > 0) & (cos_o > 0)
             value = self.lobes.evaluate(
-                dr, dr.maximum(cos_i, 1e-6), dr.maximum(cos_o, 1e-6), dr.squared_norm(si.wi - wo),
-                self.diffuse.eval(si, active), self.gloss.eval(si, active), self.retro.eval(si, active),
-            )  # fmt: skip
+                dr,
+                dr.maximum(cos_i, 1e-6),
+                dr.maximum(cos_o, 1e-6),
+                dr.squared_norm(si.wi - wo),
+                diffuse=self.diffuse.eval(si, active),
+                gloss=self.gloss.eval(si, active),
+                retro=self.retro.eval(si, active),
+            )
             return dr.select(active, value * cos_o, 0.0)
 
         def pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:

@@ -1,8 +1,9 @@
-"""The thesis's link model, repaired one slip at a time, and then completed by what it leaves out.
+"""The thesis's link model, corrected one error at a time.
 
-`printed_model` is listing A.5 as a product of named terms. A `Repair` replaces some of these terms; its factor on signal and on
-SNR is found by evaluating the model before and after it, never stored. `REPAIRS` mend slips within the thesis's own
-assumptions (ideal optics, flat tape of 200 sr⁻¹); `radiometry.extensions` then bring in the physics that a scenario states.
+`printed_model` is listing A.5 as a product of named terms. A `Correction` replaces some of these terms. Its factor on
+signal and SNR is found by evaluating the model before and after it, and is never stored. `CORRECTIONS` mend the errors
+within the thesis's own assumptions (ideal optics, flat tape of 200 sr⁻¹). `radiometry.extensions` then adds the physics
+that a scenario states.
 """
 
 from __future__ import annotations
@@ -35,22 +36,22 @@ FillTerm = Callable[[FloatArray, FloatArray], FloatArray]
 
 @dataclass(frozen=True)
 class LinkModel:
-    """Signal of a bit's pixel as a product of terms, each of which a repair may replace. Lengths in metres.
+    """Signal of a bit's pixel as a product of terms, each of which a correction may replace. Lengths are in metres.
 
     Attributes:
         settings: the thesis's parameters.
-        catalogue_half_angle_rad: half angle of the emitter from its full angle in degrees.
-        cone_sr: solid angle of a cone from its half angle in radians.
-        beam_efficiency: light that leaves the beam optics over light that enters.
+        catalogue_half_angle_rad: full angle of the emitter [deg] -> its half angle [rad].
+        cone_sr: half angle of a cone [rad] -> its solid angle [sr].
+        beam_efficiency: light that leaves the beam optics over the light that enters.
         led_irradiance: (settings, intensity on the axis [W/sr], range) -> irradiance of the bit [W/m²].
         sun_irradiance: settings -> irradiance of the bit [W/m²].
         led_brdf, sun_brdf: reflectance of the bit [sr⁻¹].
-        led_brdf_dark, sun_brdf_dark: of the absorbing cells [sr⁻¹].
+        led_brdf_dark, sun_brdf_dark: reflectance of the absorbing cells [sr⁻¹].
         lens_sr: solid angle of the lens as seen from the bit.
-        bit_px2: pixels that the bit's image covers.
-        fill: (pixels per bit, range) -> share of a bright bit's pixels that is lit by tape.
-        fill_dark: the same of the absorbing cells beside it.
-        further_area: an area in arbitrary units that the listing multiplies by once more.
+        bit_px2: number of pixels that the bit's image covers.
+        fill: (pixels per bit, range) -> share of the light of a bright bit's pixel that comes from tape.
+        fill_dark: the same for the absorbing cells beside the bit.
+        further_area: an area in arbitrary units by which the listing multiplies once more.
         merit: (signal, background, read noise) [electrons] -> SNR or CNR.
     """
 
@@ -80,15 +81,33 @@ class LinkModel:
         return s.led_count * s.led_intensity_w_sr * emitted / beam * self.beam_efficiency
 
     def signal_e(self, range_m: ArrayLike, exposure_s: ArrayLike, sources: Iterable[str]) -> FloatArray:
-        """Electrons of a bright bit's pixel; ranges and exposures broadcast."""
+        """Electrons of a bright bit's pixel.
+
+        Args:
+            range_m: distance of the marker [m].
+            exposure_s: exposure time [s]; broadcasts with the range.
+            sources: `LED`, `SUN` or both.
+        """
         return self._charge(range_m, exposure_s, sources, self.fill)
 
     def background_e(self, range_m: ArrayLike, exposure_s: ArrayLike, sources: Iterable[str]) -> FloatArray:
-        """Electrons of an absorbing cell's pixel beside it; none before the background is brought in."""
+        """Electrons of an absorbing cell's pixel beside the bit; zero until the background is added to the model.
+
+        Args:
+            range_m: distance of the marker [m].
+            exposure_s: exposure time [s]; broadcasts with the range.
+            sources: `LED`, `SUN` or both.
+        """
         return self._charge(range_m, exposure_s, sources, self.fill_dark)
 
     def snr(self, range_m: ArrayLike, exposure_s: ArrayLike, sources: Iterable[str]) -> FloatArray:
-        """Signal-to-noise ratio as the model defines it; contrast-to-noise ratio once there is a background."""
+        """Signal-to-noise ratio as the model defines it; contrast-to-noise ratio once the model has a background.
+
+        Args:
+            range_m: distance of the marker [m].
+            exposure_s: exposure time [s]; broadcasts with the range.
+            sources: `LED`, `SUN` or both.
+        """
         signal = self.signal_e(range_m, exposure_s, sources)
         return self.merit(signal, self.background_e(range_m, exposure_s, sources), self.settings.dark_noise_e)
 
@@ -111,8 +130,8 @@ class LinkModel:
 
 
 @dataclass(frozen=True)
-class Repair:
-    """One change of the model.
+class Correction:
+    """One change of the link model. Call it with a model to get the changed model.
 
     Attributes:
         name: short, for tables and figures.
@@ -131,15 +150,23 @@ class Repair:
     terms: dict[str, Any]
 
     def __call__(self, model: LinkModel) -> LinkModel:
-        """The model with this repair made and nothing else changed."""
+        """The model with this correction made and nothing else changed."""
         return replace(model, **self.terms)
 
 
 @dataclass(frozen=True)
 class Step:
-    """A repair made in turn: the model's signal [electrons] and SNR after it, and its factors on both."""
+    """The model after one more correction.
 
-    repair: Repair
+    Attributes:
+        correction: the one made in this step.
+        signal_e: signal after it [electrons].
+        snr: SNR or CNR after it.
+        signal_factor: signal after over signal before.
+        snr_factor: SNR after over SNR before.
+    """
+
+    correction: Correction
     signal_e: FloatArray
     snr: FloatArray
     signal_factor: FloatArray
@@ -147,28 +174,53 @@ class Step:
 
 
 def waterfall(
-    model: LinkModel, repairs: Iterable[Repair], range_m: ArrayLike, exposure_s: ArrayLike, sources: Iterable[str]
+    model: LinkModel,
+    corrections: Iterable[Correction],
+    range_m: ArrayLike,
+    exposure_s: ArrayLike,
+    sources: Iterable[str],
 ) -> list[Step]:
-    """Make repairs one after another and note what each does at the given ranges, exposures and sources."""
+    """Make corrections one after another and record what each of them does.
+
+    Args:
+        model: the model to start from.
+        corrections: in the order in which they are made.
+        range_m: distances of the marker [m].
+        exposure_s: exposure times [s]; broadcast with the ranges.
+        sources: `LED`, `SUN` or both.
+
+    Returns:
+        A step for each correction; its arrays have the shape to which ranges and exposures broadcast.
+    """
     steps, lit = [], tuple(sources)
     signal, snr = model.signal_e(range_m, exposure_s, lit), model.snr(range_m, exposure_s, lit)
-    for repair in repairs:
-        model = repair(model)
+    for correction in corrections:
+        model = correction(model)
         before = signal, snr
         signal, snr = model.signal_e(range_m, exposure_s, lit), model.snr(range_m, exposure_s, lit)
-        steps.append(Step(repair, signal, snr, signal / before[0], snr / before[1]))
+        steps.append(Step(correction, signal, snr, signal / before[0], snr / before[1]))
     return steps
 
 
-def repaired(model: LinkModel, repairs: Iterable[Repair]) -> LinkModel:
-    """The model after all of these repairs."""
-    for repair in repairs:
-        model = repair(model)
+def corrected(model: LinkModel, corrections: Iterable[Correction]) -> LinkModel:
+    """The model after all of these corrections.
+
+    Args:
+        model: the model to start from.
+        corrections: in the order in which they are made.
+    """
+    for correction in corrections:
+        model = correction(model)
     return model
 
 
 def beam_power_w(intensity_w_sr: float, full_angle_deg: float) -> float:
-    """Light in a cone of even intensity [W]: I · 2π(1 − cos(c/2)). It cannot exceed what the LEDs are given."""
+    """Light in a cone of even intensity [W]: I · 2π(1 − cos(c/2)). It cannot exceed the power that the LEDs are given.
+
+    Args:
+        intensity_w_sr: radiant intensity I within the cone [W/sr].
+        full_angle_deg: full angle c of the cone [deg].
+    """
     return intensity_w_sr * _cap(float(np.radians(full_angle_deg)) / 2)
 
 
@@ -199,7 +251,11 @@ def _square_pixels(s: PrintedModel, range_m: FloatArray) -> FloatArray:
 
 
 def printed_model(settings: PrintedModel | None = None) -> LinkModel:
-    """Listing A.5, slip for slip; `PrintedModel.signal_e` and `snr` are the same numbers."""
+    """Listing A.5 with all its errors; it gives the same numbers as `PrintedModel.signal_e` and `snr`.
+
+    Args:
+        settings: parameters of the listing; default the printed ones.
+    """
     settings = settings or PrintedModel()
     return LinkModel(
         settings=settings,
@@ -221,7 +277,7 @@ def printed_model(settings: PrintedModel | None = None) -> LinkModel:
     )
 
 
-NOISE_IN_QUADRATURE = Repair(
+NOISE_IN_QUADRATURE = Correction(
     "noise added linearly",
     "eq. 6.9; A.5 l. 97",
     "N = √S + 28.2",
@@ -230,9 +286,9 @@ NOISE_IN_QUADRATURE = Repair(
     {"merit": lambda signal, background, noise: link.snr(signal, 0.0, noise)},
 )
 
-#: Slips of the thesis in the order of its own derivation. After all of them the model is the physics of its own assumptions.
-REPAIRS: tuple[Repair, ...] = (
-    Repair(
+#: Errors of the thesis in the order of its own derivation. After all of them the model is the physics of its own assumptions.
+CORRECTIONS: tuple[Correction, ...] = (
+    Correction(
         "degrees taken for radians",
         "A.5 l. 68",
         "emitter's half angle is 12 rad: Ω = π·atan(12)²",
@@ -240,7 +296,7 @@ REPAIRS: tuple[Repair, ...] = (
         "unit",
         {"catalogue_half_angle_rad": lambda full_deg: float(np.radians(full_deg)) / 2},
     ),
-    Repair(
+    Correction(
         "flat disc for a cap",
         "A.5 l. 65–70",
         "Ω = π·atan(θ)²",
@@ -248,7 +304,7 @@ REPAIRS: tuple[Repair, ...] = (
         "solid angle of a cone",
         {"cone_sr": _cap},
     ),
-    Repair(
+    Correction(
         "flux for irradiance",
         "eq. 6.2, 6.3; A.5 l. 73–76",
         "E = I·w²/R², a flux in W",
@@ -256,7 +312,7 @@ REPAIRS: tuple[Repair, ...] = (
         "inverse-square law",
         {"led_irradiance": lambda s, intensity, r: intensity / r**2},
     ),
-    Repair(
+    Correction(
         "diameter for radius",
         "eq. 6.5; A.5 l. 62",
         "Ω = π·D²/R²",
@@ -264,7 +320,7 @@ REPAIRS: tuple[Repair, ...] = (
         "area of a disc",
         {"lens_sr": lambda s, r: np.pi * (s.focal_length_m / s.f_number) ** 2 / (4 * r**2)},
     ),
-    Repair(
+    Correction(
         "second pixel area, in mm²",
         "eq. 6.7; A.5 l. 11, 87",
         "L·A_bit·Ω/n², which is W a pixel, times (8.6e-3)²",
@@ -272,7 +328,7 @@ REPAIRS: tuple[Repair, ...] = (
         "units; pitch is 8.6 µm",
         {"further_area": 1.0},
     ),
-    Repair(
+    Correction(
         "field of view of 16°",
         "eq. 6.6; A.5 l. 57",
         "n = atan(w/2R)/8° · 752",
@@ -280,7 +336,7 @@ REPAIRS: tuple[Repair, ...] = (
         "pinhole; 20.19 mm and 8.6 µm make 18.2°, not 16°",
         {"bit_px2": _square_pixels},
     ),
-    Repair(
+    Correction(
         "bits smaller than a pixel",
         "A.5 l. 59–61, 83",
         "divides by n² below one pixel, too",
@@ -288,7 +344,7 @@ REPAIRS: tuple[Repair, ...] = (
         "a pixel collects no more than the bit sends",
         {"fill": lambda pixels, r: np.minimum(1.0, pixels)},
     ),
-    Repair(
+    Correction(
         "retro peak for the Sun",
         "eq. 6.4; A.5 l. 79",
         "200 sr⁻¹ for sunlight",
@@ -296,7 +352,7 @@ REPAIRS: tuple[Repair, ...] = (
         "luminance factor of white sheeting near 0.3 over π; assumption",
         {"sun_brdf": lambda s, r: np.full_like(r, SHEETING_BRDF_SR)},
     ),
-    Repair(
+    Correction(
         "solar band",
         "eq. 6.1",
         "1 W/m²/nm",

@@ -1,13 +1,13 @@
-"""Brown–Conrady lens distortion, its inverse, and out to where the two belong together.
+"""Brown–Conrady lens distortion, its inverse, and the range of field angles over which the two match.
 
-Coordinates are tangents of the field angle, x to the right and y down: ideal ones (x, y) of a pinhole, distorted ones where the
-lens puts them. With r² = x² + y², coefficients and signs are OpenCV's (calib3d, "Detailed Description"; after D. C. Brown,
-"Close-range camera calibration", Photogrammetric Engineering 37, 1971):
+Coordinates are tangents of the field angle, x to the right and y down. (x, y) are the ideal ones of a pinhole, (x_d, y_d)
+the distorted ones, where the lens images the point. With r² = x² + y², coefficients and signs are OpenCV's (calib3d,
+"Detailed Description"; after D. C. Brown, "Close-range camera calibration", Photogrammetric Engineering 37, 1971):
 
     x_d = x (1 + k1 r² + k2 r⁴ + k3 r⁶) + 2 p1 x y + p2 (r² + 2 x²)
     y_d = y (1 + k1 r² + k2 r⁴ + k3 r⁶) + p1 (r² + 2 y²) + 2 p2 x y
 
-The formulas are plain arithmetic, so that numpy arrays and the renderer's take the same code.
+The formulas are plain arithmetic, so that the same code serves numpy arrays and the renderer's numbers.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import numpy as np
 
 from radiometry.geometry import FloatArray
 
-#: Newton steps of the inverse. Each squares the error; `reach` refuses coefficients for which they leave more than `RESIDUAL`.
+#: Newton steps of the inverse. Each squares the error. `max_ideal_radius` refuses coefficients that leave more than `RESIDUAL`.
 STEPS = 8
 #: Largest error of the inverse within the frame, in double precision [tangent]; single precision leaves some 1e-7.
 RESIDUAL = 1e-10
@@ -28,7 +28,14 @@ RESIDUAL = 1e-10
 
 @dataclass(frozen=True)
 class BrownConrady:
-    """Radial coefficients k1, k2, k3 and tangential p1, p2 [-]. Numbers, or the renderer's own scalars."""
+    """Coefficients of a lens's distortion, and the mapping that they define.
+
+    Attributes:
+        k1, k2, k3: radial coefficients [-].
+        p1, p2: tangential coefficients [-].
+
+    All are numbers, or the renderer's own scalars.
+    """
 
     k1: Any = 0.0
     k2: Any = 0.0
@@ -37,7 +44,15 @@ class BrownConrady:
     k3: Any = 0.0
 
     def distort(self, x: Any, y: Any) -> tuple[Any, Any]:
-        """Distorted coordinates of ideal ones; arrays of one shape each."""
+        """Distorted coordinates of ideal ones.
+
+        Args:
+            x: ideal coordinates to the right [tangent].
+            y: ideal coordinates downwards [tangent], of the same shape.
+
+        Returns:
+            (x_d, y_d), of the shape of the input.
+        """
         r2 = x * x + y * y
         radial = 1.0 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3))
         cross = 2.0 * x * y
@@ -47,7 +62,15 @@ class BrownConrady:
         )
 
     def derivative(self, x: Any, y: Any) -> tuple[Any, Any, Any]:
-        """∂x_d/∂x, ∂x_d/∂y = ∂y_d/∂x, and ∂y_d/∂y at ideal coordinates: the derivative is symmetric."""
+        """Derivative of the distorted coordinates by the ideal ones. It is a symmetric matrix, so three numbers hold it.
+
+        Args:
+            x: ideal coordinates to the right [tangent].
+            y: ideal coordinates downwards [tangent], of the same shape.
+
+        Returns:
+            ∂x_d/∂x, ∂x_d/∂y = ∂y_d/∂x, and ∂y_d/∂y.
+        """
         r2 = x * x + y * y
         radial = 1.0 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3))
         slope = 2.0 * (self.k1 + r2 * (2.0 * self.k2 + 3.0 * r2 * self.k3))
@@ -58,7 +81,15 @@ class BrownConrady:
         )
 
     def undistort(self, x_distorted: Any, y_distorted: Any) -> tuple[Any, Any]:
-        """Ideal coordinates of distorted ones by Newton's method, started at the distorted ones."""
+        """Ideal coordinates of distorted ones, by Newton's method from the distorted ones.
+
+        Args:
+            x_distorted: to the right [tangent].
+            y_distorted: downwards [tangent], of the same shape.
+
+        Returns:
+            (x, y), of the shape of the input. The error within the frame is at most `RESIDUAL` in double precision.
+        """
         x, y = x_distorted, y_distorted
         for _ in range(STEPS):
             x_there, y_there = self.distort(x, y)
@@ -70,13 +101,18 @@ class BrownConrady:
 
 
 @lru_cache(maxsize=64)
-def reach(lens: BrownConrady, half_width: float, half_height: float) -> float:
-    """Largest ideal radius that a frame of distorted half width and half height shows [tangent].
+def max_ideal_radius(lens: BrownConrady, half_width: float, half_height: float) -> float:
+    """Largest ideal radius that a frame shows [tangent].
 
-    Within that radius the derivative is checked to be positive definite. On a disc this makes the lens one-to-one.
+    Within this radius the derivative is checked to be positive definite, which makes the lens one-to-one on the disc.
+
+    Args:
+        lens: the distortion.
+        half_width: half the frame's width in distorted coordinates [tangent].
+        half_height: half the frame's height in distorted coordinates [tangent].
 
     Raises:
-        ValueError: where the lens folds the image back within the frame, so that some pixels have no ideal position.
+        ValueError: when the lens folds the image back within the frame, so that some pixels have no ideal position.
     """
     edge = np.linspace(-1.0, 1.0, 33)
     border = np.concatenate([np.stack([edge, 0 * edge + s], axis=-1) for s in (-1.0, 1.0)])
@@ -100,7 +136,20 @@ def reach(lens: BrownConrady, half_width: float, half_height: float) -> float:
 def distort_everywhere(
     lens: BrownConrady, x: FloatArray, y: FloatArray, reach_tangent: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Distorted coordinates, going straight on outwards beyond a radius, where the polynomial would fold back into the frame."""
+    """Distorted coordinates that also make sense far outside the frame.
+
+    Beyond a radius, where the polynomial would fold back into the frame, the distortion goes on in a straight line
+    outwards.
+
+    Args:
+        lens: the distortion.
+        x: ideal coordinates to the right [tangent].
+        y: ideal coordinates downwards [tangent], of the same shape.
+        reach_tangent: the radius, from `max_ideal_radius` [tangent].
+
+    Returns:
+        (x_d, y_d), of the shape of the input.
+    """
     radius = np.hypot(x, y)
     inner = np.minimum(1.0, reach_tangent / np.maximum(radius, 1e-300))
     x_distorted, y_distorted = lens.distort(x * inner, y * inner)

@@ -1,4 +1,4 @@
-"""The sunlit Earth in the closed form: light of a disc of uniform radiance that an unshadowed plane sends to the camera."""
+"""The sunlit Earth in closed form: what an unshadowed plane sends to the camera of the light of a uniform disc."""
 
 from __future__ import annotations
 
@@ -16,16 +16,18 @@ _ALONG, _ALONG_WEIGHTS = np.polynomial.legendre.leggauss(64)
 def earth_transport(
     to_viewer: ArrayLike, to_earth: ArrayLike, angular_radius_rad: float, brdf: Brdf, wavelength_nm: ArrayLike
 ) -> FloatArray:
-    """Radiance of a plane towards the viewer per unit radiance of the Earth's disc [-]: ∫ f cosθ_i dΩ over what it sees of it.
+    """Radiance of a plane towards the viewer per unit radiance of the Earth's disc [-]: ∫ f cosθ_i dΩ over the visible disc.
 
-    Quadrature on rings about the viewer's direction, close together near it, where tape returns its light. For a Lambert plane
-    above whose horizon all of the disc stands this is albedo · sin²(radius) · cos(centre's angle from the normal).
+    The integral is a quadrature on rings about the viewer's direction. The rings lie close together near it, where tape
+    returns its light. For a Lambertian plane that sees the whole disc the result is albedo · sin²(radius) · cos(angle of
+    the disc's centre from the normal).
 
     Args:
-        to_viewer, to_earth: (3,) unit vectors from the plane z = 0, whose normal is z; the latter to the centre of the disc.
-        angular_radius_rad: of the disc.
-        brdf: of the plane.
-        wavelength_nm: (w,).
+        to_viewer: unit vector (3,) from the plane z = 0, whose normal is z.
+        to_earth: unit vector (3,) from the plane to the centre of the disc.
+        angular_radius_rad: half the angle that the disc fills [rad].
+        brdf: reflectance of the plane [sr⁻¹].
+        wavelength_nm: (w,) [nm].
 
     Returns:
         (w,).

@@ -1,7 +1,8 @@
-"""How well a marker tells the viewing angle: closed-form deviations of encoding elements and of a plane square.
+"""How well a marker tells the viewing angle: standard deviations of the angle from encoding elements and from a plane square.
 
-An encoding element turns the viewing direction's slope s = tan θ into a place along itself. Whatever does it, slits or lenses,
-the deviation of the angle is that of the place over the element's image, times how far the slope has to go for its length.
+An encoding element turns the slope s = tan θ of the viewing direction into a position along itself. The standard deviation
+of the angle is therefore that of the position over the length of the element's image, times the change of slope that moves
+the position along the whole length. This holds for slits and for lenses alike.
 """
 
 from __future__ import annotations
@@ -16,40 +17,56 @@ RAYLEIGH_MEDIAN = float(np.sqrt(2 * np.log(2)))
 
 
 def slit_deviation(tilt_rad: ArrayLike, depth_px: ArrayLike, sigma_px: ArrayLike) -> FloatArray:
-    """Deviation of the angle from one element with a virtual line [rad]: cos θ · σ / V.
+    """Standard deviation of the angle from one element with a virtual line [rad]: cos θ · σ / V.
 
-    The blob lies at V tan θ along the element, whose image is cos θ shorter when tilted along itself; across, the same factor
-    comes from the slope, tan(yaw) / cos(pitch).
+    The blob lies at V tan θ along the element. A tilt along the element shortens its image by cos θ. For a tilt across it,
+    the same factor comes from the slope, which is tan(yaw) / cos(pitch).
 
     Args:
-        depth_px: depth V of the line in pixels of the element's plane seen squarely.
-        sigma_px: of the blob along the element's image.
+        tilt_rad: angle θ between the normal and the viewing direction [rad].
+        depth_px: depth V of the virtual line, in pixels of the element's plane seen head-on.
+        sigma_px: standard deviation of the blob's position along the element's image [px].
+
+    Returns:
+        Of the shape to which the arguments broadcast.
     """
     return np.cos(np.asarray(tilt_rad, float)) * np.asarray(sigma_px, float) / np.asarray(depth_px, float)
 
 
 def lens_deviation(tilt_rad: ArrayLike, field_rad: ArrayLike, length_px: ArrayLike, sigma_px: ArrayLike) -> FloatArray:
-    """Deviation of the angle from one lens array on stripes [rad]: 2 tan(Θ/2) · cos θ · σ / w.
+    """Standard deviation of the angle from one lens array on stripes [rad]: 2 tan(Θ/2) · cos θ · σ / w.
 
-    The moiré stripe walks the whole length w of the pattern while the angle walks the field Θ, linearly in its tangent, as a lens
-    of focal length f and pitch p has it: tan(Θ/2) = p / 2f. With Θ = 90° it is an element with its line at half its length.
+    The moiré stripe moves along the whole length w of the pattern while the angle moves through the field Θ, linearly in
+    its tangent. For lenses of focal length f and pitch p, tan(Θ/2) = p / 2f. With Θ = 90° the array equals an element whose
+    virtual line lies at half its length.
 
     Args:
-        length_px: of the pattern seen squarely.
-        sigma_px: of the stripe along its image.
+        tilt_rad: angle θ between the normal and the viewing direction [rad].
+        field_rad: field Θ of the lenses [rad].
+        length_px: length w of the pattern seen head-on [px].
+        sigma_px: standard deviation of the stripe's position along its image [px].
+
+    Returns:
+        Of the shape to which the arguments broadcast.
     """
     slope = 2 * np.tan(np.asarray(field_rad, float) / 2)
     return slit_deviation(tilt_rad, np.asarray(length_px, float) / slope, sigma_px)
 
 
 def square_deviation(tilt_rad: ArrayLike, side_px: ArrayLike, sigma_px: ArrayLike) -> FloatArray:
-    """Deviation of the tilt from the foreshortening of a plane square [rad]: σ √(1 + cos²θ) / (a sin θ).
+    """Standard deviation of the tilt from the foreshortening of a plane square [rad]: σ √(1 + cos²θ) / (a sin θ).
 
-    Weak perspective: cos θ is the ratio of two mean sides, each the mean of two differences of corners and so of variance σ².
-    Infinite seen squarely, where only perspective is left; not valid within some degrees of it.
+    In weak perspective cos θ is the ratio of two mean sides. Each mean side is the mean of two differences of corners, so
+    its variance is σ². The result is infinite for a square seen head-on, where only perspective tells the tilt, and it is
+    not valid within some degrees of that.
 
     Args:
-        side_px: of the square seen squarely; sigma_px: of a corner along each axis.
+        tilt_rad: angle θ between the normal and the viewing direction [rad].
+        side_px: side a of the square seen head-on [px].
+        sigma_px: standard deviation of a corner along each axis [px].
+
+    Returns:
+        Of the shape to which the arguments broadcast.
     """
     tilt, ratio = np.asarray(tilt_rad, float), np.asarray(sigma_px, float) / np.asarray(side_px, float)
     with np.errstate(divide="ignore"):

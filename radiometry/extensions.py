@@ -1,4 +1,4 @@
-"""What the thesis's link model leaves out, brought in one step at a time after `radiometry.corrections`."""
+"""What the thesis's link model leaves out, added one step at a time after `radiometry.corrections`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from radiometry import link
-from radiometry.corrections import RangeTerm, Repair, solar_band_w_m2
+from radiometry.corrections import Correction, RangeTerm, solar_band_w_m2
 from radiometry.geometry import FloatArray, observation_angle
 from radiometry.optics import Camera
 from radiometry.sources import LedRing
@@ -20,14 +20,15 @@ BEAM_OPTICS_EFFICIENCY = 0.8
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What the thesis leaves out and a scenario states.
+    """What a scenario states and the thesis leaves out.
 
     Attributes:
-        ring: LEDs around the lens with the beam of the model's settings; its baseline and pattern are used.
+        ring: LEDs around the lens, with the beam of the model's settings. Their baseline and pattern are used.
         camera: its two pixel pitches are used.
         tape, absorber: reflectances f(normal, to_source, to_viewer, wavelength_nm) [sr⁻¹].
-        sun_phase_rad: angle Sun–target–camera.
-        bright_fill, dark_fill: share of a bright bit's and of an absorbing cell's light that comes from tape, over range.
+        sun_phase_rad: angle Sun–target–camera [rad].
+        bright_fill, dark_fill: range [m] -> share of the light of a bright bit's and of an absorbing cell's pixel that
+            comes from tape.
     """
 
     ring: LedRing
@@ -39,8 +40,12 @@ class Surroundings:
     dark_fill: Callable[[FloatArray], FloatArray]
 
 
-def completions(scene: Surroundings) -> tuple[Repair, ...]:
-    """The steps from the repaired model to the physics of a scenario, on the optical axis."""
+def extensions(scene: Surroundings) -> tuple[Correction, ...]:
+    """The steps from the corrected model to the physics of a scenario, on the optical axis.
+
+    Args:
+        scene: what the scenario states.
+    """
     baseline, normal = scene.ring.ring_radius_m, np.array([0.0, 0.0, 1.0])
     sun = np.array([np.sin(scene.sun_phase_rad), 0.0, np.cos(scene.sun_phase_rad)])
 
@@ -66,7 +71,7 @@ def completions(scene: Surroundings) -> tuple[Repair, ...]:
         return link.cnr(signal, background, 0.0, noise)
 
     return (
-        Repair(
+        Correction(
             "beam optics",
             "A.5 l. 72",
             "narrowing the beam loses nothing",
@@ -74,7 +79,7 @@ def completions(scene: Surroundings) -> tuple[Repair, ...]:
             "assumption",
             {"beam_efficiency": BEAM_OPTICS_EFFICIENCY},
         ),
-        Repair(
+        Correction(
             "ring of LEDs",
             "section 6.2",
             "a point source in the lens, even over its cone",
@@ -82,7 +87,7 @@ def completions(scene: Surroundings) -> tuple[Repair, ...]:
             "pattern of a lensed emitter; b is the scenario's",
             {"led_irradiance": ring_irradiance},
         ),
-        Repair(
+        Correction(
             "lobe of the tape",
             "eq. 6.4",
             "200 sr⁻¹ at every range",
@@ -90,7 +95,7 @@ def completions(scene: Surroundings) -> tuple[Repair, ...]:
             "table of the tape in materials/data",
             {"led_brdf": towards_leds(scene.tape), "sun_brdf": towards_sun(scene.tape)},
         ),
-        Repair(
+        Correction(
             "slanting Sun",
             "eq. 6.1",
             "the Sun stands square to the marker",
@@ -98,7 +103,7 @@ def completions(scene: Surroundings) -> tuple[Repair, ...]:
             "projected area; the phase is the scenario's",
             {"sun_irradiance": lambda s: solar_band_w_m2() * max(float(sun[2]), 0.0)},
         ),
-        Repair(
+        Correction(
             "oblong pixels",
             "A.5 l. 11",
             "8.6 × 8.6 µm",
@@ -106,7 +111,7 @@ def completions(scene: Surroundings) -> tuple[Repair, ...]:
             "thesis, table 3.1",
             {"bit_px2": oblong_pixels},
         ),
-        Repair(
+        Correction(
             "blur and neighbours",
             "A.5 l. 83",
             "a bit's light stays within its square",
@@ -114,7 +119,7 @@ def completions(scene: Surroundings) -> tuple[Repair, ...]:
             "`radiometry.link.reflective_fill`",
             {"fill": lambda pixels, r: scene.bright_fill(r)},
         ),
-        Repair(
+        Correction(
             "background",
             "text of section 6.2; A.5 l. 91–92",
             "S/N, and the background is commented out",

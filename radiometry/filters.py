@@ -7,14 +7,19 @@ from typing import Annotated
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from radiometry.optics import Fraction
+from radiometry.parameters import Fraction
 from radiometry.spectrum import Spectrum
 
 Wavelength = Annotated[float, Field(ge=300, le=1200)]
 
 
 class Bandpass(BaseModel):
-    """A flat-topped bandpass with straight edges; `edge_nm` wide, centred on the two cut wavelengths."""
+    """A flat-topped bandpass with straight edges. Each edge is `edge_nm` wide and centred on its cut wavelength.
+
+    Raises:
+        ValueError: when the cuts do not lie further apart than an edge's width, or the effective index is above 0 but not
+            above 1.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -49,10 +54,19 @@ class Bandpass(BaseModel):
         return (self.low_nm + self.high_nm) / 2
 
     def spectrum(self, incidence_rad: float = 0.0) -> Spectrum:
-        """Transmission against wavelength, between 0 and 1, linear between its four knots.
+        """Transmission against wavelength [-], linear between four knots.
 
-        Light at an angle to an interference filter sees every feature at λ √(1 − (sin θ / n)²), n the effective index
-        (Macleod, Thin-Film Optical Filters, tilted filters).
+        Light that meets an interference filter at an angle θ sees every feature shifted to λ √(1 − (sin θ / n)²), where n
+        is the effective index (Macleod, Thin-Film Optical Filters, tilted filters).
+
+        Args:
+            incidence_rad: angle of incidence θ [rad].
+
+        Example:
+            >>> from radiometry.filters import Bandpass
+            >>> band = Bandpass(low_nm=800.0, high_nm=900.0, transmission=0.9)
+            >>> round(band.spectrum().integral(), 9)
+            90.0
         """
         half = self.edge_nm / 2
         knots = np.array([self.low_nm - half, self.low_nm + half, self.high_nm - half, self.high_nm + half])

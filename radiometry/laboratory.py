@@ -1,4 +1,4 @@
-"""Lights of a laboratory: LEDs in clusters around the lens, and a halogen spot where the Sun would stand."""
+"""Light sources of a laboratory: LEDs in clusters around the lens, and a halogen spot in the Sun's place."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pydantic import Field
 from scipy import constants
 
 from radiometry.geometry import FloatArray
-from radiometry.optics import Positive
+from radiometry.parameters import Positive
 from radiometry.sources import LedRing, Sun
 from radiometry.spectrum import Spectrum
 
@@ -21,12 +21,17 @@ _GRID_NM = np.arange(300.0, 1201.0, 5.0)
 
 
 class LedClusters(LedRing):
-    """LEDs in tight clusters, evenly spread on a ring around the lens; each cluster's LEDs lie on a circle of its own."""
+    """LEDs in tight clusters, spread evenly on a ring around the lens; the LEDs of a cluster lie on a circle.
+
+    Raises:
+        ValueError: when the count is not a multiple of the clusters, or as for `LedRing`.
+    """
 
     clusters: int = Field(3, ge=1, le=100, description="number of clusters on the ring")
     cluster_radius_m: Positive = Field(0.01, description="radius of the circle of a cluster's LEDs [m]")
 
     def model_post_init(self, _: object) -> None:
+        """Check that the LEDs fill the clusters evenly."""
         if self.count % self.clusters:
             raise ValueError(f"count: {self.count} LEDs, expected a multiple of clusters, {self.clusters}")
 
@@ -41,7 +46,7 @@ class LedClusters(LedRing):
 
 
 class HalogenSpot(Sun):
-    """A tungsten halogen lamp in the Sun's place: Planck's spectrum, at a level as a light meter tells it."""
+    """A tungsten halogen lamp in the Sun's place: Planck's spectrum, scaled to the illuminance that a light meter reads."""
 
     temperature_k: Annotated[float, Field(ge=1000, le=4000)] = Field(3200.0, description="colour temperature [K]")
     illuminance_lx: Positive = Field(20_000.0, description="illuminance on a plane square to the light [lx]")
@@ -61,12 +66,26 @@ class HalogenSpot(Sun):
 
 
 def planck(wavelength_nm: ArrayLike, temperature_k: float) -> FloatArray:
-    """Planck's law, spectral radiance of a black body [W m⁻² sr⁻¹ nm⁻¹]."""
+    """Spectral radiance of a black body by Planck's law [W m⁻² sr⁻¹ nm⁻¹].
+
+    Args:
+        wavelength_nm: any shape [nm].
+        temperature_k: of the body [K].
+
+    Returns:
+        Of the shape of the wavelengths.
+    """
     metres = np.asarray(wavelength_nm, float) * 1e-9
     exponent = constants.h * constants.c / (metres * constants.k * temperature_k)
     return 2e-9 * constants.h * constants.c**2 / metres**5 / np.expm1(exponent)
 
 
 def photopic(wavelength_nm: ArrayLike) -> FloatArray:
-    """The eye's relative response V(λ), by the usual Gaussian fit 1.019 exp(−285.4 (λ/µm − 0.559)²); good to some per cent."""
+    """Photopic luminous efficiency V(λ) of the eye [-], by the usual Gaussian fit 1.019 exp(−285.4 (λ/µm − 0.559)²).
+
+    The fit is good to a few per cent.
+
+    Args:
+        wavelength_nm: any shape [nm].
+    """
     return 1.019 * np.exp(-285.4 * (np.asarray(wavelength_nm, float) / 1000 - 0.559) ** 2)

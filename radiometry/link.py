@@ -1,6 +1,6 @@
 """The closed-form link budget: electrons of a bit, SNR, CNR, sampling and smear, without rendering.
 
-Every function broadcasts. Lengths are in metres; the marker plane is z = 0 of the marker frame with its normal along z.
+Every function broadcasts. Lengths are in metres. The marker plane is z = 0 of the marker frame, with its normal along z.
 """
 
 from __future__ import annotations
@@ -37,14 +37,17 @@ def ring_transport(
 ) -> FloatArray:
     """Radiance of an unshadowed point towards the viewer per unit on-axis intensity of the whole ring [m⁻²].
 
-    L/I₀ = mean over the LEDs of p(θ) f(ω_led, ω_viewer) cosθ_i / d², with the pattern p of `LedRing`.
+    L/I₀ is the mean over the LEDs of p(θ) f(ω_led, ω_viewer) cosθ_i / d², with the pattern p of `LedRing`. All positions
+    are in the marker frame.
 
     Args:
-        points_m: (..., 3) on the marker plane.
-        viewer_m: (3,) centre of the lens.
-        leds_m: (k, 3) positions of the LEDs.
-        axis: (3,) unit vector along which the LEDs aim.
-        wavelength_nm: (w,).
+        points_m: points on the marker plane, (..., 3) [m].
+        viewer_m: centre of the lens, (3,) [m].
+        leds_m: positions of the LEDs, (k, 3) [m].
+        axis: unit vector along which the LEDs aim, (3,).
+        ring: the LEDs, for their pattern.
+        brdf: reflectance of the points [sr⁻¹].
+        wavelength_nm: (w,) [nm].
 
     Returns:
         (..., w).
@@ -63,7 +66,18 @@ def ring_transport(
 def sun_transport(
     points_m: ArrayLike, viewer_m: ArrayLike, to_sun: ArrayLike, brdf: Brdf, wavelength_nm: ArrayLike
 ) -> FloatArray:
-    """Radiance of an unshadowed point towards the viewer per unit solar irradiance [sr⁻¹]: f cosθ_i, (..., w)."""
+    """Radiance of an unshadowed point towards the viewer per unit solar irradiance [sr⁻¹]: f cosθ_i.
+
+    Args:
+        points_m: points on the marker plane, (..., 3) [m].
+        viewer_m: centre of the lens, (3,) [m].
+        to_sun: unit vector to the Sun, (3,).
+        brdf: reflectance of the points [sr⁻¹].
+        wavelength_nm: (w,) [nm].
+
+    Returns:
+        (..., w).
+    """
     to_viewer = _unit(np.asarray(viewer_m, float) - np.asarray(points_m, float))[..., None, :]
     to_sun = np.asarray(to_sun, float)
     return brdf(_NORMAL, to_sun, to_viewer, np.asarray(wavelength_nm, float)) * max(to_sun[2], 0.0)
@@ -72,13 +86,16 @@ def sun_transport(
 def electron_rate(
     transport: ArrayLike, wavelength_nm: ArrayLike, strength: Spectrum, responsivity: Spectrum
 ) -> FloatArray:
-    """Electron rate of a pixel on the axis [e⁻/s]: ∫ T(λ) s(λ) r(λ) dλ, T linear between its samples.
+    """Electron rate of a pixel on the optical axis [e⁻/s]: ∫ T(λ) s(λ) r(λ) dλ, with T linear between its samples.
 
     Args:
-        transport: (..., w) radiance per unit source strength.
-        wavelength_nm: (w,) its wavelengths; they must span the band.
+        transport: radiance per unit source strength, (..., w).
+        wavelength_nm: wavelengths of the transport, (w,) [nm]; they must span the band.
         strength: spectral intensity or irradiance of the source.
-        responsivity: of the camera, `optics.electron_responsivity`.
+        responsivity: of the camera, from `optics.electron_responsivity`.
+
+    Returns:
+        (...).
     """
     band = strength * responsivity
     grid, value = band.wavelength_nm, band.values
@@ -94,13 +111,22 @@ def electron_rate(
 
 
 def band_grid(responsivity: Spectrum, step_nm: float = 5.0) -> FloatArray:
-    """Wavelengths at which the closed form evaluates reflectance: the band in steps of `step_nm` or finer [nm]."""
+    """Wavelengths at which the closed form evaluates reflectance (n,) [nm]: the whole band in equal steps.
+
+    Args:
+        responsivity: of the camera; its support is the band.
+        step_nm: largest step [nm].
+    """
     low, high = responsivity.support_nm
     return np.linspace(low, high, max(2, int(np.ceil((high - low) / step_nm)) + 1))
 
 
 def sampling_window_px(bit_px: ArrayLike) -> FloatArray:
-    """Width of the square about a bit's centre whose pixels count as the bit's [px]: its middle half, one pixel at least."""
+    """Width of the square about a bit's centre whose pixels count as the bit's [px]: half a bit, and at least one pixel.
+
+    Args:
+        bit_px: side of a bit in the image [px].
+    """
     return np.maximum(np.asarray(bit_px, float) / 2, 1.0)
 
 
@@ -109,15 +135,17 @@ def reflective_fill(
 ) -> FloatArray:
     """Share of each pixel's light that comes from reflective cells, (n,).
 
-    The pattern is convolved with point spread and pixel. Both are separable, so a cell that lies square to the pixels adds a
-    product of two differences of `optics.pixel_profile_integral`; any other is cut into rows, exact along a row and by
-    Gauss–Legendre quadrature across them (to 1e-6 from a point spread of 0.2 px on, to 3e-4 below).
+    The pattern is convolved with the point spread and the pixel, and both are separable. A cell that is aligned with the
+    pixels adds the product of two differences of `optics.pixel_profile_integral`. Any other cell is cut into rows: exact
+    along a row, and by Gauss–Legendre quadrature across the rows (to 1e-6 for a point spread from 0.2 px on, to 3e-4 below
+    that).
 
     Args:
-        pixels_px: (n, 2) pixel centres.
-        cells_px: reflective cells that do not overlap, in the same coordinates: (m, 4) rectangles x0, x1, y0, y1, or (m, k, 2)
-            corners of convex polygons in order.
-        shares: (m,) of each cell that reflects, evenly spread over it.
+        pixels_px: pixel centres, (n, 2) [px].
+        cells_px: reflective cells that do not overlap [px]: rectangles (m, 4) as x0, x1, y0, y1, or corners of convex
+            polygons in order, (m, k, 2).
+        psf_sigma_px: standard deviation of the point spread [px].
+        shares: share of each cell that reflects, evenly spread over it, (m,).
     """
     shares = np.broadcast_to(np.asarray(shares, float), (len(np.asarray(cells_px)),))
     pixels, cells = np.asarray(pixels_px, float), np.asarray(cells_px, float)
@@ -181,7 +209,17 @@ def _depth(polygon: FloatArray, side: FloatArray) -> FloatArray:
 
 
 def smear_px(camera: Camera, range_m: ArrayLike, speed_m_s: ArrayLike, exposure_s: ArrayLike) -> FloatArray:
-    """Length that a point moving across the line of sight draws on the detector during an exposure [px], the finer pitch."""
+    """Length of the trace that a point draws on the detector during an exposure [px of the finer pitch].
+
+    Args:
+        camera: for its focal length and pixel pitches.
+        range_m: distance of the point [m].
+        speed_m_s: speed across the line of sight [m/s].
+        exposure_s: exposure time [s].
+
+    Returns:
+        Of the shape to which range, speed and exposure broadcast.
+    """
     return (
         max(camera.focal_px) * np.asarray(speed_m_s, float) * np.asarray(exposure_s, float) / np.asarray(range_m, float)
     )
@@ -190,15 +228,18 @@ def smear_px(camera: Camera, range_m: ArrayLike, speed_m_s: ArrayLike, exposure_
 def frames_per_second(
     power_w: ArrayLike, energy_j: ArrayLike, pulse_s: ArrayLike = 0.0, duty_max: float = 1.0
 ) -> FloatArray:
-    """Highest frame rate at a mean electrical power [s⁻¹]: the lesser of P / E and, for LEDs' duty cycle, d_max / t.
+    """Highest frame rate at a mean electrical power [s⁻¹]: the smaller of P / E and, for the duty cycle of the LEDs, d_max / t.
 
-    Thesis eq. 6.10 solved for the frame rate, with the energy of one frame E = P_LED · n · t; everything broadcasts.
+    This is equation 6.10 of the thesis, solved for the frame rate, with the energy of one frame E = P_LED · n · t.
 
     Args:
-        power_w: mean power that the illuminator may draw.
-        energy_j: of one frame, `LedRing.energy_per_frame_j`.
-        pulse_s: of one frame; 0 leaves the duty cycle out.
+        power_w: mean power P that the illuminator may draw [W].
+        energy_j: energy E of one frame, from `LedRing.energy_per_frame_j` [J].
+        pulse_s: pulse t of one frame [s]; 0 leaves the duty cycle out.
         duty_max: largest share of time on, `LedRing.duty_max`.
+
+    Returns:
+        Of the shape to which the arguments broadcast.
     """
     energy, pulse = np.asarray(energy_j, float), np.asarray(pulse_s, float)
     by_duty = np.divide(duty_max, pulse, out=np.full(pulse.shape, np.inf), where=pulse > 0)
@@ -206,13 +247,44 @@ def frames_per_second(
 
 
 def snr(signal_e: ArrayLike, dark_e: ArrayLike, noise_e: ArrayLike) -> FloatArray:
-    """Signal-to-noise ratio S / √(S + D + σ²), with read noise and quantisation in σ [electrons]."""
+    """Signal-to-noise ratio S / √(S + D + σ²).
+
+    Args:
+        signal_e: mean signal S [electrons].
+        dark_e: mean dark charge D [electrons].
+        noise_e: read noise σ, quantisation included [electrons].
+
+    Returns:
+        Of the shape to which the arguments broadcast.
+
+    Example:
+        Shot noise alone gives the root of the signal:
+
+        >>> from radiometry.link import snr
+        >>> float(snr(10_000.0, 0.0, 0.0))
+        100.0
+    """
     signal = np.asarray(signal_e, float)
     return signal / np.sqrt(signal + np.asarray(dark_e, float) + np.asarray(noise_e, float) ** 2)
 
 
 def cnr(signal_e: ArrayLike, background_e: ArrayLike, dark_e: ArrayLike, noise_e: ArrayLike) -> FloatArray:
-    """Contrast-to-noise ratio (S − B) / √((S + D + σ²) + (B + D + σ²)) [electrons]."""
+    """Contrast-to-noise ratio (S − B) / √((S + D + σ²) + (B + D + σ²)) of a bright and a dark pixel.
+
+    Args:
+        signal_e: mean charge S of the bright pixel [electrons].
+        background_e: mean charge B of the dark pixel [electrons].
+        dark_e: mean dark charge D of each [electrons].
+        noise_e: read noise σ of each, quantisation included [electrons].
+
+    Returns:
+        Of the shape to which the arguments broadcast.
+
+    Example:
+        >>> from radiometry.link import cnr
+        >>> round(float(cnr(1000.0, 100.0, 0.0, 10.0)), 2)
+        24.96
+    """
     signal, background = np.asarray(signal_e, float), np.asarray(background_e, float)
     variance = signal + background + 2 * (np.asarray(dark_e, float) + np.asarray(noise_e, float) ** 2)
     return (signal - background) / np.sqrt(variance)

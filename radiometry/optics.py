@@ -10,12 +10,11 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from scipy import constants
 from scipy.special import ndtr
 
-from radiometry.distortion import BrownConrady, distort_everywhere, reach
+from radiometry.distortion import BrownConrady, distort_everywhere, max_ideal_radius
 from radiometry.geometry import FloatArray
+from radiometry.parameters import Fraction, Positive
 from radiometry.spectrum import Spectrum
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Fraction = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
 Coefficient = Annotated[float, Field(ge=-100, le=100, allow_inf_nan=False)]
 
 #: Widest point spread that is imaged [px].
@@ -23,7 +22,12 @@ MAX_SIGMA_PX = 20.0
 
 
 class Camera(BaseModel):
-    """A monochrome camera's lens and pixel grid. Pixel centres lie at integer coordinates."""
+    """Lens and pixel grid of a monochrome camera. Pixel centres lie at integer coordinates.
+
+    Raises:
+        ValueError: when the stray-light table does not increase within its bounds, or the distortion folds the image back
+            within the frame.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -117,13 +121,27 @@ class Camera(BaseModel):
 
     @property
     def without_distortion(self) -> Camera:
-        """The same camera with an ideal lens; itself where it has one."""
+        """The same camera with an ideal lens; the camera itself where its lens is ideal."""
         return self.model_copy(update=dict.fromkeys(("k1", "k2", "p1", "p2", "k3"), 0.0)) if self.distorted else self
 
     def project(self, points_camera_m: ArrayLike) -> FloatArray:
-        """Image positions (..., 2) [px] of points (..., 3) in the camera frame [m]: pinhole, then distortion.
+        """Image positions of points in the camera frame: pinhole projection, then distortion.
 
-        Beyond what the frame shows, where Brown–Conrady polynomials turn back, distortion goes on as at the frame's corner.
+        Far outside the frame Brown–Conrady polynomials turn back. There the distortion goes on in a straight line as at the
+        frame's corner.
+
+        Args:
+            points_camera_m: (..., 3) [m].
+
+        Returns:
+            (..., 2) as column and row [px].
+
+        Example:
+            A point on the optical axis is imaged at the centre of the detector:
+
+            >>> from radiometry.optics import Camera
+            >>> Camera(width_px=640, height_px=480).project([0.0, 0.0, 5.0]).tolist()
+            [319.5, 239.5]
         """
         points = np.asarray(points_camera_m, float)
         tangents = points[..., :2] / points[..., 2:]
@@ -134,7 +152,14 @@ class Camera(BaseModel):
         return tangents * self.focal_px + self.principal_point_px
 
     def undistort_px(self, image_px: ArrayLike) -> FloatArray:
-        """Where an ideal lens would image what this one images at positions (..., 2) [px]; to 1e-6 px within the frame."""
+        """Where an ideal lens would image what this lens images at given positions; good to 1e-6 px within the frame.
+
+        Args:
+            image_px: positions as column and row, (..., 2) [px].
+
+        Returns:
+            (..., 2) [px].
+        """
         image = np.asarray(image_px, float)
         if not self.distorted:
             return image
@@ -144,7 +169,7 @@ class Camera(BaseModel):
         return ideal * self.focal_px + self.principal_point_px
 
     def natural_falloff(self) -> FloatArray:
-        """cos⁴ of the field angle at every pixel, (height, width): the angle before the lens."""
+        """cos⁴ of the field angle at every pixel, (height, width) [-]. The angle is the one before the lens."""
         (fx, fy), (cx, cy) = self.focal_px, self.principal_point_px
         x = (np.arange(self.width_px) - cx) / fx
         y = (np.arange(self.height_px) - cy) / fy
@@ -154,10 +179,11 @@ class Camera(BaseModel):
         return (1.0 + x**2 + y**2) ** -2
 
     def relative_illumination(self) -> FloatArray:
-        """Light of a uniform scene at every pixel relative to the axis, (height, width).
+        """Light of a uniform scene at every pixel relative to the optical axis, (height, width) [-].
 
-        cos⁴ of the field angle; times the area of scene that distortion gathers in a pixel, for what passes the entrance pupil is
-        only spread differently; times 1 − v r²/r_c² for vignetting, v the loss at the corner pixels, at the radius r_c.
+        It is the product of three factors: cos⁴ of the field angle; the area of the scene that distortion gathers in a
+        pixel, because distortion only spreads differently what passes the entrance pupil; and the vignetting 1 − v r²/r_c²,
+        with v the loss at the corner pixels and r_c their radius.
         """
         light = self.natural_falloff()
         if not self.distorted and self.vignetting == 0:
@@ -172,18 +198,22 @@ class Camera(BaseModel):
         return light
 
     def _reach_tangent(self) -> float:
-        """Ideal radius that the frame and its rim, from where the point spread gathers light, show [tangent]."""
+        """Ideal radius that the frame shows, with the rim from which the point spread gathers light [tangent]."""
         rim_px = 4 * self.psf_sigma_px + 2
         (fx, fy), (cx, cy) = self.focal_px, self.principal_point_px
-        return reach(self.distortion, (cx + rim_px) / fx, (cy + rim_px) / fy)
+        return max_ideal_radius(self.distortion, (cx + rim_px) / fx, (cy + rim_px) / fy)
 
 
 def diffraction_sigma_px(camera: Camera, wavelength_nm: float) -> float:
     """Standard deviation of the Gaussian that comes nearest to the core of the Airy pattern [px]: 0.42 λ F#.
 
-    Of the Gaussians with the pattern's peak, the least-squares fit to (2 J₁(x)/x)² within its first dark ring has 0.4206 λ F#
-    (pattern: Born and Wolf, Principles of Optics, 8.5.2). The rings, 16 % of the light, are left to `veiling_glare`. On
-    detectors of unequal pitches a pixel counts by the geometric mean of both.
+    Among the Gaussians with the peak of the pattern (2 J₁(x)/x)², the least-squares fit within the first dark ring has
+    0.4206 λ F# (pattern: Born and Wolf, Principles of Optics, 8.5.2). The rings hold 16 % of the light and are left to
+    `veiling_glare`. On a detector of unequal pitches, a pixel is the geometric mean of both.
+
+    Args:
+        camera: for its F-number and pixel pitches.
+        wavelength_nm: of the light [nm].
     """
     return 0.42 * wavelength_nm * 1e-9 * camera.f_number / float(np.sqrt(camera.pixel_area_m2))
 
@@ -191,8 +221,14 @@ def diffraction_sigma_px(camera: Camera, wavelength_nm: float) -> float:
 def blur_sigma_px(camera: Camera, range_m: float, wavelength_nm: float) -> float:
     """Standard deviation of the lens's Gaussian point spread at a range [px]: √(max(in focus, diffraction)² + defocus²).
 
-    Out of focus the thin lens images a point as a disc of diameter f²/F# · |1/focus − 1/R| (geometrical optics, for distances
-    long against the focal length); a quarter of it is the disc's root mean square along each axis, which the Gaussian takes over.
+    Out of focus, the thin lens images a point as a disc of diameter f²/F# · |1/focus − 1/R| (geometrical optics, for
+    distances much longer than the focal length). The root mean square of the disc along each axis is a quarter of that, and
+    the Gaussian takes it over.
+
+    Args:
+        camera: the lens as specified, in focus at `focus_m`.
+        range_m: distance R of the target [m].
+        wavelength_nm: of the light [nm].
     """
     diffraction = diffraction_sigma_px(camera, wavelength_nm) if camera.psf_sigma_px > 0 else 0.0
     sigma = max(camera.psf_sigma_px, diffraction)
@@ -203,10 +239,16 @@ def blur_sigma_px(camera: Camera, range_m: float, wavelength_nm: float) -> float
 
 
 def camera_at(camera: Camera, range_m: float, wavelength_nm: float) -> Camera:
-    """The camera as it images a range: `psf_sigma_px` is the whole blur there, and everything is in focus.
+    """The camera as it images a range: its `psf_sigma_px` is the whole blur there, and it is in focus at every range.
+
+    Args:
+        camera: the lens as specified.
+        range_m: distance of the target [m].
+        wavelength_nm: of the light [nm].
 
     Raises:
-        ValueError: when the blur exceeds 20 px, or light is gathered from where the distortion folds back.
+        ValueError: when the blur exceeds 20 px, or when the point spread gathers light from where the distortion folds
+            back.
     """
     sigma = blur_sigma_px(camera, range_m, wavelength_nm)
     if sigma == camera.psf_sigma_px and camera.focus_m is None:
@@ -224,19 +266,38 @@ def camera_at(camera: Camera, range_m: float, wavelength_nm: float) -> Camera:
 
 
 def electrons_per_joule(wavelength_nm: ArrayLike) -> FloatArray:
-    """Photons in one joule of light, λ/(hc) [J⁻¹]: electrons at a quantum efficiency of one."""
+    """Photons in one joule of light, λ/(hc) [J⁻¹]: the electrons that it frees at a quantum efficiency of one.
+
+    Args:
+        wavelength_nm: any shape [nm].
+
+    Example:
+        >>> from radiometry.optics import electrons_per_joule
+        >>> f"{electrons_per_joule(850.0):.3e}"
+        '4.279e+18'
+    """
     return np.asarray(wavelength_nm, float) * 1e-9 / (constants.h * constants.c)
 
 
 def etendue_m2_sr(camera: Camera) -> float:
-    """Area times solid angle of one pixel on the axis [m² sr]: A_pix · π/(4F²), the camera equation at infinity focus."""
+    """Area times solid angle of one pixel on the axis [m² sr]: A_pix · π/(4F²), the camera equation with focus at infinity.
+
+    Args:
+        camera: for its pixel pitches and F-number.
+    """
     return camera.pixel_area_m2 * np.pi / (4 * camera.f_number**2)
 
 
 def electron_responsivity(camera: Camera, transmission: Spectrum, quantum_efficiency: Spectrum) -> Spectrum:
     """Electron rate per spectral radiance on the axis [e⁻ s⁻¹ / (W m⁻² sr⁻¹ nm⁻¹) nm⁻¹], sampled every 0.5 nm or finer.
 
-    A_pix · π/(4F²) · T_lens · T_filter(λ) · QE(λ) · λ/(hc). Its integral against L(λ) is the electron rate.
+    A_pix · π/(4F²) · T_lens · T_filter(λ) · QE(λ) · λ/(hc). The integral of its product with L(λ) is the electron rate of a
+    pixel.
+
+    Args:
+        camera: for étendue and transmission of the lens.
+        transmission: of the filter [-].
+        quantum_efficiency: of the sensor [-].
     """
     band = (transmission * quantum_efficiency).resampled(0.5)
     rate = etendue_m2_sr(camera) * camera.lens_transmission * electrons_per_joule(band.wavelength_nm)
@@ -244,14 +305,23 @@ def electron_responsivity(camera: Camera, transmission: Spectrum, quantum_effici
 
 
 def wavelength_nodes(transmission: Spectrum, count: int = 4) -> tuple[int, ...]:
-    """Whole-nanometre wavelengths at which transport is rendered: Gauss–Legendre nodes of the passband, rounded.
+    """Wavelengths at which transport is rendered: Gauss–Legendre nodes of the passband, rounded to whole nanometres.
 
     Args:
         transmission: filter curve; its support is the passband.
-        count: nodes, a multiple of four, for the renderer carries four wavelengths a ray.
+        count: number of nodes, a multiple of four because the renderer carries four wavelengths per ray.
+
+    Returns:
+        (count,) increasing [nm].
 
     Raises:
-        ValueError: when the count is not a multiple of four or the band is too narrow to hold distinct nodes.
+        ValueError: when the count is not a multiple of four, or the band is too narrow to hold distinct nodes.
+
+    Example:
+        >>> from radiometry.filters import Bandpass
+        >>> from radiometry.optics import wavelength_nodes
+        >>> wavelength_nodes(Bandpass(low_nm=800.0, high_nm=900.0).spectrum())
+        (807, 833, 867, 893)
     """
     if count < 4 or count % 4:
         raise ValueError(f"wavelength nodes: {count}, expected a multiple of 4")
@@ -267,12 +337,15 @@ def wavelength_nodes(transmission: Spectrum, count: int = 4) -> tuple[int, ...]:
 def node_weights(spectral_weight: Spectrum, nodes_nm: ArrayLike) -> FloatArray:
     """Weights w_k such that Σ w_k T(λ_k) = ∫ w(λ) T(λ) dλ for every transport T that is a cubic through the nodes.
 
-    The weights integrate the Lagrange polynomials of the nodes against w(λ), so line emitters and filter edges are resolved
-    by the grid of w and not by the nodes. Interpolation is by groups of four: the four nodes nearest to each λ.
+    The weights integrate the Lagrange polynomials of the nodes against w(λ). Line emitters and filter edges are therefore
+    resolved by the grid of w, not by the nodes. Interpolation at each λ uses the four nodes nearest to it.
 
     Args:
-        spectral_weight: w(λ), say emitter × responsivity.
-        nodes_nm: (n,) increasing wavelengths, n ≥ 4.
+        spectral_weight: w(λ), for example emitter times responsivity.
+        nodes_nm: increasing wavelengths, (n,) with n ≥ 4 [nm].
+
+    Returns:
+        (n,) in the unit of w times nm.
     """
     nodes = np.asarray(nodes_nm, float)
     wavelength, value = spectral_weight.wavelength_nm, spectral_weight.values
@@ -290,9 +363,13 @@ def node_weights(spectral_weight: Spectrum, nodes_nm: ArrayLike) -> FloatArray:
 
 
 def pixel_profile_integral(x_px: ArrayLike, psf_sigma_px: float) -> FloatArray:
-    """Response of a pixel at 0 to a half plane that is bright at positions below x [px], between 0 and 1.
+    """Response of a pixel at 0 to a half plane that is bright at positions below x, between 0 and 1.
 
-    The cumulative of a unit box (the pixel) convolved with a Gaussian (the point spread), in closed form.
+    It is the cumulative of a unit box (the pixel) convolved with a Gaussian (the point spread), in closed form.
+
+    Args:
+        x_px: position of the edge, any shape [px].
+        psf_sigma_px: standard deviation of the point spread [px].
     """
     sigma = max(psf_sigma_px, 1e-6)
 

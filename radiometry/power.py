@@ -1,8 +1,8 @@
-"""Power of a pulsed illuminator: frame rate within a budget, the LEDs' junction temperature, and what moves between frames.
+"""Power of a pulsed illuminator: frame rate, junction temperature of the LEDs, and motion of the target between frames.
 
-The thesis's equation 6.10, P = P_LED · n · t · fps, is `link.frames_per_second` solved for the rate. Here is what it leaves
-out: the loss of the driver, what the camera draws whether it takes frames or not, the pulse that a junction stands, and
-the target's motion from one frame to the next.
+Equation 6.10 of the thesis, P = P_LED · n · t · fps, is `link.frames_per_second` solved for the rate. This module adds what
+the equation leaves out: the loss of the driver, the constant power of the camera, the pulse that a junction withstands, and
+the motion of the target from one frame to the next.
 """
 
 from __future__ import annotations
@@ -15,17 +15,21 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from radiometry import link
 from radiometry.geometry import FloatArray
-from radiometry.optics import Positive
+from radiometry.parameters import Positive, PositiveFraction
 from radiometry.sources import LedRing
 
 
 class PowerPlan(BaseModel):
-    """What the navigation sensor may draw, and what it draws beside its LEDs."""
+    """What the navigation sensor may draw, and what it draws beside its LEDs.
+
+    Raises:
+        ValueError: when the camera leaves nothing for the LEDs.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     limit_w: Positive = Field(5.0, description="mean power that may be drawn [W]; thesis section 6.2")
-    driver_efficiency: Annotated[float, Field(gt=0, le=1)] = Field(
+    driver_efficiency: PositiveFraction = Field(
         0.85, description="power into the LEDs over power into their driver; assumption: a switching current source"
     )
     camera_w: Annotated[float, Field(ge=0)] = Field(
@@ -47,12 +51,22 @@ class PowerPlan(BaseModel):
         return self
 
     def frame_rate_by_power(self, leds: LedRing, pulse_s: ArrayLike) -> FloatArray:
-        """Frames a second that the power budget and the LEDs' duty cycle allow [s⁻¹], of any pulse length."""
+        """Frame rate that the power budget and the duty cycle of the LEDs allow [s⁻¹].
+
+        Args:
+            leds: the illuminator.
+            pulse_s: pulse of one frame, any shape [s].
+        """
         usable = self.driver_efficiency * (self.limit_w - self.camera_w)
         return link.frames_per_second(usable, leds.energy_per_frame_j(pulse_s), pulse_s, leds.duty_max)
 
     def frame_rate(self, leds: LedRing, pulse_s: ArrayLike) -> FloatArray:
-        """The same, bounded by the camera's readout and by the processor [s⁻¹]."""
+        """Frame rate that power, duty cycle, readout of the camera and the processor allow [s⁻¹].
+
+        Args:
+            leds: the illuminator.
+            pulse_s: pulse of one frame, any shape [s].
+        """
         readout = min(self.frame_rate_max, 1 / self.latency_s if self.latency_s else np.inf)
         return np.minimum(self.frame_rate_by_power(leds, pulse_s), readout)
 
@@ -60,16 +74,20 @@ class PowerPlan(BaseModel):
 def junction_rise_k(
     heat_w: ArrayLike, resistance_k_w: float, capacity_j_k: float, pulse_s: ArrayLike, period_s: ArrayLike = np.inf
 ) -> FloatArray:
-    """Highest junction temperature above the solder point under a train of equal pulses [K], in its steady state.
+    """Highest junction temperature above the solder point under a train of equal pulses, in its steady state [K].
 
-    One thermal node: ΔT = P R (1 − e^(−t/τ)) / (1 − e^(−T/τ)) with τ = R C. At first it is P t / C, for long pulses P R. With C
-    of the chip alone it errs on the hot side, as the chip's carrier takes up heat too.
+    One thermal node: ΔT = P R (1 − e^(−t/τ)) / (1 − e^(−T/τ)) with τ = R C. A single short pulse heats by P t / C, a long
+    one by P R. With C of the chip alone the result is on the hot side, because the chip's carrier takes up heat, too.
 
     Args:
-        heat_w: electrical power less light, while on.
-        resistance_k_w: junction to solder point.
-        capacity_j_k: of the heated part.
-        pulse_s: time on; period_s: from pulse to pulse, at least as long; infinite for a single one.
+        heat_w: electrical power less light, while the LED is on [W].
+        resistance_k_w: thermal resistance R from junction to solder point [K/W].
+        capacity_j_k: heat capacity C of the heated part [J/K].
+        pulse_s: time on, t [s].
+        period_s: time T from pulse to pulse, at least as long as the pulse [s]; infinite for a single pulse.
+
+    Raises:
+        ValueError: when a period is shorter than its pulse.
     """
     pulse, period = np.asarray(pulse_s, float), np.asarray(period_s, float)
     if np.any(period < pulse):
@@ -80,25 +98,46 @@ def junction_rise_k(
 
 
 def longest_pulse_s(heat_w: float, resistance_k_w: float, capacity_j_k: float, rise_k: float) -> float:
-    """Length of a single pulse that heats the junction by `rise_k` above the solder point [s]; infinite where none does."""
+    """Length of a single pulse that heats the junction by a given rise [s]; infinite where no pulse does.
+
+    The inverse of `junction_rise_k` for one pulse: t = −R C ln(1 − ΔT / (P R)).
+
+    Args:
+        heat_w: electrical power less light, while the LED is on [W].
+        resistance_k_w: thermal resistance R from junction to solder point [K/W].
+        capacity_j_k: heat capacity C of the heated part [J/K].
+        rise_k: rise ΔT above the solder point [K].
+    """
     share = rise_k / (heat_w * resistance_k_w)
     return float(-resistance_k_w * capacity_j_k * np.log1p(-share)) if share < 1 else float("inf")
 
 
 def swing_px(focal_px: float, lever_m: float, range_m: ArrayLike, turn_rad: ArrayLike) -> FloatArray:
-    """How far a marker at a lever arm from the axis of turn moves across the image, at most, for a turn [px].
+    """How far a marker moves across the image, at most, when the target turns [px].
 
-    The chord 2 r sin(φ/2), square to the line of sight, seen from the range.
+    The marker sits at a lever arm r from the axis of rotation. It moves along the chord 2 r sin(φ/2), taken square to the
+    line of sight and seen from the range.
+
+    Args:
+        focal_px: focal length [px].
+        lever_m: lever arm r [m].
+        range_m: distance of the marker [m].
+        turn_rad: angle φ of the turn [rad]; broadcasts with the range.
     """
     chord = 2 * lever_m * np.sin(np.asarray(turn_rad, float) / 2)
     return focal_px * chord / np.asarray(range_m, float)
 
 
 def turn_rate_deviation(attitude_rad: float, frame_rate: ArrayLike, seconds: float) -> FloatArray:
-    """Standard deviation of a steady turn rate from attitudes of all frames within a time [rad/s].
+    """Standard deviation of a steady turn rate, from the attitudes of all frames within a time [rad/s].
 
-    The slope of N equally spaced, independent readings of deviation σ: σ √(12 / (N (N² − 1))) / Δt (least squares on a line);
-    infinite with fewer than two frames.
+    It is the slope of a least-squares line through N equally spaced, independent readings of standard deviation σ:
+    σ √(12 / (N (N² − 1))) / Δt. It is infinite with fewer than two frames.
+
+    Args:
+        attitude_rad: standard deviation σ of one attitude [rad].
+        frame_rate: frames per second, any shape [s⁻¹].
+        seconds: the time [s].
     """
     rate = np.asarray(frame_rate, float)
     count = np.floor(rate * seconds) + 1

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from radiometry.geometry import FloatArray
-from radiometry.optics import Fraction, Positive
+from radiometry.parameters import Fraction, Positive, PositiveFraction
 from radiometry.spectrum import Spectrum, gaussian_line
 
 #: Angular radius of the Sun at 1 au [rad] (0.2665°; IAU 2015 nominal solar radius over the astronomical unit).
@@ -51,9 +51,10 @@ class Sun(BaseModel):
 
 
 class Earth(BaseModel):
-    """The sunlit Earth as seen from the target: a disc of one radiance, as a Lambert surface under an overhead Sun has it.
+    """The sunlit Earth as seen from the target: a disc of one radiance, that of a Lambertian surface under an overhead Sun.
 
-    That is an upper bound: seen in another phase or at its limb the Earth is darker, over cloud brighter than its mean albedo.
+    This is an upper bound. The Earth is darker in another phase or at its limb; over cloud it is brighter than its mean
+    albedo.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -80,7 +81,11 @@ class Earth(BaseModel):
         return float(np.radians(self.angular_radius_deg))
 
     def radiance(self, sun: Sun) -> Spectrum:
-        """Spectral radiance of the disc [W m⁻² sr⁻¹ nm⁻¹]: albedo · E_sun / π (Lambert's law)."""
+        """Spectral radiance of the disc [W m⁻² sr⁻¹ nm⁻¹]: albedo · E_sun / π (Lambert's law).
+
+        Args:
+            sun: that lights the Earth.
+        """
         return sun.irradiance() * (self.albedo / np.pi)
 
 
@@ -90,7 +95,7 @@ class LedRing(BaseModel):
     The pattern of one LED is I(θ) = I₀ cosⁿθ with n = ln ½ / ln cos θ½, the usual model of a lensed emitter.
 
     Raises:
-        ValueError: when the pattern would radiate more than the LED is given electrically.
+        ValueError: when the pattern would radiate more power than the LED is given.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -110,7 +115,7 @@ class LedRing(BaseModel):
     longest_pulse_s: Positive = Field(
         100.0, description="longest pulse the LEDs stand at this power [s]; default: as long as any exposure, no limit"
     )
-    duty_max: Annotated[float, Field(gt=0, le=1)] = Field(
+    duty_max: PositiveFraction = Field(
         1.0, description="largest share of time the LEDs may be on at this power; default: no limit"
     )
 
@@ -142,11 +147,24 @@ class LedRing(BaseModel):
         return self.count * self.intensity_w_sr
 
     def pattern(self, cos_angle: ArrayLike) -> FloatArray:
-        """Intensity relative to the axis, at the cosine of the angle from the axis; zero behind the LED."""
+        """Intensity relative to the axis [-]: cosⁿθ, and zero behind the LED.
+
+        Args:
+            cos_angle: cosine of the angle from the axis, any shape.
+
+        Example:
+            The intensity halves at the half angle:
+
+            >>> import numpy as np
+            >>> from radiometry.sources import LedRing
+            >>> ring = LedRing(half_angle_deg=12.0)
+            >>> round(float(ring.pattern(np.cos(np.radians(12.0)))), 9)
+            0.5
+        """
         return np.clip(np.asarray(cos_angle, float), 0.0, None) ** self.exponent
 
     def positions_m(self) -> FloatArray:
-        """LED positions in the camera frame, (count, 3) [m]: in the plane of the lens, the first on the camera's right."""
+        """Positions of the LEDs in the camera frame, (count, 3) [m]: in the plane of the lens, the first one on its right."""
         angle = 2 * np.pi * np.arange(self.count) / self.count
         return self.ring_radius_m * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
 
@@ -155,13 +173,21 @@ class LedRing(BaseModel):
         return gaussian_line(self.centroid_nm, self.fwhm_nm) * self.total_intensity_w_sr
 
     def energy_per_frame_j(self, pulse_s: ArrayLike) -> FloatArray:
-        """Electrical energy of one pulse of all LEDs [J]: P · count · t (thesis eq. 6.10 without the frame rate)."""
+        """Electrical energy of one pulse of all LEDs [J]: P · count · t, equation 6.10 of the thesis without the frame rate.
+
+        Args:
+            pulse_s: length t of the pulse, any shape [s].
+        """
         return self.electrical_power_w * self.count * np.asarray(pulse_s, float)
 
     def pulse_allowed(self, pulse_s: ArrayLike, frames_per_second: ArrayLike = 0.0) -> NDArray[np.bool_]:
-        """True where a pulse is no longer than the LEDs stand, and pulses at a frame rate keep within their duty cycle.
+        """Whether a pulse is short enough for the LEDs, and a train of pulses within their duty cycle.
 
-        t ≤ t_max and t · fps ≤ d_max, as data sheets of LEDs bound them; both broadcast. A frame rate of 0 is a single shot.
+        t ≤ t_max and t · fps ≤ d_max, the two bounds that data sheets of LEDs give.
+
+        Args:
+            pulse_s: length t of a pulse [s].
+            frames_per_second: pulses per second [s⁻¹], 0 for a single pulse; broadcasts with the length.
         """
         pulse, duty = np.asarray(pulse_s, float), np.asarray(pulse_s, float) * np.asarray(frames_per_second, float)
         return (pulse <= self.longest_pulse_s) & (duty <= self.duty_max * (1 + 1e-12))

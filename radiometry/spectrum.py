@@ -1,4 +1,4 @@
-"""Spectra on a wavelength grid in nanometres: immutable, composed with `*`, integrated by the trapezoid rule."""
+"""Spectra on a wavelength grid in nanometres: immutable, multiplied with `*`, integrated by the trapezoid rule."""
 
 from __future__ import annotations
 
@@ -12,14 +12,23 @@ from radiometry.geometry import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Spectrum:
-    """A function of wavelength, linear between samples and zero outside them.
+    """A function of wavelength, linear between its samples and zero outside them.
+
+    The arrays are copied and made read-only, so a spectrum never changes. Multiplication returns a new one.
 
     Attributes:
         wavelength_nm: (n,) strictly increasing [nm].
         values: (n,) in the quantity's unit, per nm where it is a density.
 
     Raises:
-        ValueError: when the grid is not increasing, shapes differ, or a value is not finite.
+        ValueError: when the grid does not increase, the shapes differ, or a value is not finite.
+
+    Example:
+        Light of 2 W m⁻² nm⁻¹ through a filter that passes half of it from 800 to 900 nm:
+
+        >>> from radiometry.spectrum import constant
+        >>> (constant(2.0) * constant(0.5, 800.0, 900.0)).integral()
+        100.0
     """
 
     wavelength_nm: FloatArray
@@ -63,7 +72,11 @@ class Spectrum:
         return float(np.trapezoid(self.values, self.wavelength_nm))
 
     def resampled(self, step_nm: float) -> Spectrum:
-        """The same function on a grid no coarser than `step_nm`, every original knot kept."""
+        """The same function on a grid no coarser than a step; every original sample stays.
+
+        Args:
+            step_nm: largest distance between samples [nm].
+        """
         pieces = [
             np.linspace(a, b, max(1, int(np.ceil((b - a) / step_nm))), endpoint=False)
             for a, b in zip(self.wavelength_nm[:-1], self.wavelength_nm[1:], strict=True)
@@ -82,14 +95,32 @@ class Spectrum:
 
 
 def constant(value: float, low_nm: float = 300.0, high_nm: float = 1200.0) -> Spectrum:
-    """A spectrum of one value between two wavelengths [nm]."""
+    """A spectrum that has one value between two wavelengths and is zero outside them.
+
+    Args:
+        value: in the quantity's unit.
+        low_nm: first wavelength [nm].
+        high_nm: last wavelength [nm].
+    """
     return Spectrum(np.array([low_nm, high_nm]), np.array([value, value], float))
 
 
 def gaussian_line(centre_nm: float, fwhm_nm: float) -> Spectrum:
-    """Unit-area Gaussian line [1/nm] of a full width at half maximum [nm], sampled to ±5 sigma at sigma/20.
+    """A Gaussian line of unit area [1/nm], sampled to ±5 sigma in steps of sigma/20.
 
-    The sampled area is normalised to one exactly, so that an integral over it conserves power.
+    The sampled area is normalised to exactly one, so that an integral over the line conserves power.
+
+    Args:
+        centre_nm: wavelength of the maximum [nm].
+        fwhm_nm: full width at half maximum [nm].
+
+    Raises:
+        ValueError: when centre or width is not above zero.
+
+    Example:
+        >>> from radiometry.spectrum import gaussian_line
+        >>> round(gaussian_line(850.0, 30.0).integral(), 12)
+        1.0
     """
     if not (centre_nm > 0 and fwhm_nm > 0):
         raise ValueError(f"line: centre {centre_nm} nm and FWHM {fwhm_nm} nm must be positive")

@@ -1,4 +1,4 @@
-"""Light that reaches pixels it was not imaged on: veiling glare, and the Sun from outside the field."""
+"""Light in pixels on which it was not imaged: veiling glare, and stray light of a Sun outside the field."""
 
 from __future__ import annotations
 
@@ -10,16 +10,19 @@ from radiometry.optics import Camera, electrons_per_joule
 from radiometry.spectrum import Spectrum
 
 
-def veiled(rate: ArrayLike, glare: float, mean_rate: float | None = None) -> FloatArray:
-    """Electron rates when a fraction of the frame's light is spread evenly over it: (1 − g) rate + g · mean.
+def add_veiling_glare(rate: ArrayLike, glare: float, mean_rate: float | None = None) -> FloatArray:
+    """Electron rates after a fraction of the frame's light has been spread evenly over the frame: (1 − g) rate + g · mean.
 
-    The uniform form of the veiling glare index (ISO 9358:1994, integral method). The sum over the frame is kept; light that
-    scatters out of the frame, or into it from scenery outside, is left out.
+    This is the uniform form of the veiling glare index (ISO 9358:1994, integral method). It keeps the sum over the frame.
+    It leaves out light that scatters out of the frame, or into the frame from outside.
 
     Args:
-        rate: of any pixels; of the whole frame where the mean is not given.
+        rate: of any pixels [e⁻/s]; of the whole frame where the mean is not given.
         glare: fraction g.
-        mean_rate: over the whole frame, without glare.
+        mean_rate: mean over the whole frame, without glare [e⁻/s].
+
+    Returns:
+        Of the shape of the rates [e⁻/s].
     """
     rate = np.asarray(rate, float)
     mean = float(np.mean(rate)) if mean_rate is None else mean_rate
@@ -27,10 +30,15 @@ def veiled(rate: ArrayLike, glare: float, mean_rate: float | None = None) -> Flo
 
 
 def point_source_transmittance(camera: Camera, angle_rad: ArrayLike) -> FloatArray:
-    """Irradiance of the detector over that of a plane square to a distant source, at an angle from the camera's axis.
+    """Irradiance of the detector over that of a plane square to a distant source, against the source's angle from the axis [-].
 
-    As defined for stray light (E. Fest, Stray Light Analysis and Control, SPIE Press, 2013). Log-linear between the rows of
-    the camera's table; the first row holds further in; beyond the last, and without a table, it is zero.
+    As defined for stray light (E. Fest, Stray Light Analysis and Control, SPIE Press, 2013). The logarithm is linear
+    between the rows of the camera's table. The first row holds for smaller angles, too. Beyond the last row, and without a
+    table, the result is zero.
+
+    Args:
+        camera: for its table.
+        angle_rad: angle from the optical axis, any shape [rad].
     """
     angle = np.degrees(np.asarray(angle_rad, float))
     if not camera.point_source_transmittance:
@@ -44,9 +52,16 @@ def point_source_transmittance(camera: Camera, angle_rad: ArrayLike) -> FloatArr
 def stray_rate(
     camera: Camera, angle_rad: float, irradiance: Spectrum, transmission: Spectrum, quantum_efficiency: Spectrum
 ) -> float:
-    """Electrons per second in every pixel from a source outside the field: PST(θ) · A_pix · ∫ E(λ) T_filter(λ) QE(λ) λ/hc dλ.
+    """Electron rate of every pixel from a source outside the field [e⁻/s]: PST(θ) · A_pix · ∫ E(λ) T_filter(λ) QE(λ) λ/hc dλ.
 
-    The filter counts as at normal incidence: stray light comes scattered from the lens.
+    The filter counts as at normal incidence, because stray light reaches it scattered by the lens.
+
+    Args:
+        camera: for its table and pixel area.
+        angle_rad: angle θ of the source from the optical axis [rad].
+        irradiance: of a plane square to the source [W m⁻² nm⁻¹].
+        transmission: of the filter [-].
+        quantum_efficiency: of the sensor [-].
     """
     band = (transmission * quantum_efficiency).resampled(0.5)
     per_irradiance = Spectrum(

@@ -1,4 +1,4 @@
-"""Files appear whole or not at all."""
+"""Writing files so that they appear whole or not at all."""
 
 from __future__ import annotations
 
@@ -12,9 +12,16 @@ from pathlib import Path
 
 @contextmanager
 def atomic_write(path: Path | str) -> Iterator[Path]:
-    """A temporary path beside `path`, renamed onto it when the block ends well and removed when it does not.
+    """Give a temporary path beside `path`; rename it onto `path` when the block succeeds, and remove it when the block fails.
 
-    The parent folder is created. The temporary name keeps the suffix, by which many writers choose their format.
+    The parent folder is created. The temporary name keeps the suffix, because many writers choose their format by it.
+
+    Args:
+        path: of the file to write.
+
+    Raises:
+        IsADirectoryError: when the path is a folder.
+        OSError: when the file cannot be written; it names `path`, not the temporary file.
     """
     path = Path(path)
     if path.is_dir():  # else the temporary name would be blamed

@@ -1,7 +1,8 @@
-"""A chessboard before the camera, rendered by the same transport as the marker, to calibrate cameras with.
+"""A chessboard in front of the camera, rendered by the same transport as the marker, to calibrate cameras with.
 
-It takes the marker's place in a `View`: dark squares on a bright sheet, in the plane z = 0 of the marker frame. Off its place it
-reaches the corners of the frame, where distortion shows, although a view holds the frame's origin on the optical axis.
+It takes the marker's place in a `View`: dark squares on a bright sheet, in the plane z = 0 of the marker frame. A view
+keeps the origin of that frame on the optical axis. Moved off its centre, a board reaches the corners of the frame, where
+distortion shows.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from radiometry.geometry import FloatArray
 from scenes.marker import MarkerDesign, Mesh
-from scenes.render.transport import View
+from scenes.view import View
 
 Squares = Annotated[int, Field(ge=3, le=100)]
 Offset = Annotated[float, Field(allow_inf_nan=False)]
@@ -24,7 +25,7 @@ WHITE, BLACK = "white_paint", "acrylic_black"
 
 
 class Chessboard(BaseModel):
-    """A printed chessboard. Its squares count the dark and the bright ones."""
+    """A printed chessboard. Columns and rows count dark and bright squares alike."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -55,7 +56,7 @@ class Chessboard(BaseModel):
 
     @property
     def size_m(self) -> float:
-        """Side of the square about the frame's origin that holds the board [m]: what the renderer samples densely."""
+        """Side of the square about the frame's origin that holds the whole board [m]. The renderer samples it densely."""
         half = np.array([self.columns, self.rows]) * self.square_m / 2 + self.margin_m
         return float(2 * np.max(half + np.abs(self.centre_m)))
 
@@ -63,7 +64,7 @@ class Chessboard(BaseModel):
 
     @property
     def aruco_m(self) -> float:
-        """Side of what is printed [m]: all of it."""
+        """Side of the printed area [m], which is the whole board."""
         return self.size_m
 
     @property
@@ -73,7 +74,7 @@ class Chessboard(BaseModel):
 
     @property
     def ring_fraction(self) -> float:
-        """Print beyond `aruco_m`: none."""
+        """Width of the print beyond `aruco_m`: none."""
         return 0.0
 
     @property
@@ -83,21 +84,25 @@ class Chessboard(BaseModel):
 
     @property
     def element_length_m(self) -> float:
-        """Distance of the edges where elements would be [m]."""
+        """Spacing of edges where a marker has elements [m]; the renderer chooses its sampling by it."""
         return self.square_m
 
     @property
     def element_depth_m(self) -> float:
-        """Depth below the front from which on things can be shaded [m]."""
+        """Depth below the front that the board reaches [m]."""
         return self.thickness_m
 
     @property
     def slit_count(self) -> int:
-        """One edge to that length."""
+        """One edge within `element_length_m`."""
         return 1
 
     def meshes(self) -> dict[str, Mesh]:
-        """Triangles by what the renderer calls them: 'retro' the bright sheet and squares, 'absorber' the dark squares."""
+        """Triangles by role: 'retro' is the bright sheet with the bright squares, 'absorber' the dark squares.
+
+        Returns:
+            By role, vertices (n, 3) in the marker frame [m] and triangles (m, 3).
+        """
         corner = np.array(self.centre_m) - np.array([self.columns, self.rows]) * self.square_m / 2
         edges = [
             np.concatenate([[low - self.margin_m], low + np.arange(n + 1) * self.square_m, [low + n * self.square_m]])
@@ -119,7 +124,12 @@ class Chessboard(BaseModel):
 
 
 def view_of(board: Chessboard, view: View) -> View:
-    """A view with the board in the marker's place, painted white and black."""
+    """A view with the board in the marker's place, in white and black paint.
+
+    Args:
+        board: the chessboard.
+        view: camera, lights, target and range; its own marker is replaced.
+    """
     target = view.target.model_copy(update={"tape_material": WHITE, "absorber_material": BLACK})
     # A board answers whatever the renderer asks of a marker.
     return replace(view, marker=cast(MarkerDesign, board), target=target)

@@ -1,7 +1,8 @@
-"""Several markers on one face: each is rendered by itself from where it stands, and all are put together into one frame.
+"""Several markers on one face. Each is rendered by itself from where it stands, and the images are put together into one frame.
 
-Their front planes lie in one plane, so none shades another; and light from one marker to another is indirect light, which
-the renderer leaves out. The foil behind is the same for all, but for its depth, which follows each marker's own thickness.
+The front planes lie in one plane, so no marker shades another. Light from one marker to another is indirect light, which
+the renderer leaves out. The foil behind is the same for all of them, except for its depth, which follows each marker's own
+thickness.
 """
 
 from __future__ import annotations
@@ -17,29 +18,34 @@ from radiometry.geometry import FloatArray
 from scenes.marker import MarkerDesign
 from scenes.render.transport import Quality, TransportBasis, View, render_cases
 
-#: Of a marker's surroundings this much comes with it into the frame: four pixels, but not half of the gap to its neighbour.
+#: How much of a marker's surroundings is copied with it into the frame: four pixels, but less than half the gap to its neighbour.
 _MARGIN_PX, _SHARE_OF_GAP = 4.0, 0.45
 
 
 @dataclass(frozen=True)
 class PlacedMarker:
-    """A marker on a face: its design and its centre there [m], x to the right and y up; sides along the face's."""
+    """A marker on a face, its sides parallel to those of the face.
+
+    Attributes:
+        design: the marker.
+        centre_m: its centre on the face, x to the right and y up [m].
+    """
 
     design: MarkerDesign
     centre_m: tuple[float, float]
 
     @property
     def half_m(self) -> float:
-        """Half its side [m]."""
+        """Half the side of the marker [m]."""
         return self.design.size_m / 2
 
 
 @dataclass(frozen=True)
 class FaceView(View):
-    """A view of one marker of a face whose centre is on the optical axis at the range.
+    """A view of one marker of a face. The centre of the face stands on the optical axis, at the range.
 
     Attributes:
-        place_m: the marker's centre on the face.
+        place_m: the marker's centre on the face, x to the right and y up [m].
     """
 
     place_m: tuple[float, float] = (0.0, 0.0)
@@ -51,7 +57,12 @@ class FaceView(View):
 
 
 def face_view(view: View, placed: PlacedMarker) -> FaceView:
-    """The view of one marker of the face that `view` looks at; its own marker is left out of account."""
+    """The view of one marker of the face that `view` looks at.
+
+    Args:
+        view: camera, lights, target and range; its own marker is ignored.
+        placed: the marker.
+    """
     x, y = placed.centre_m
     shared = {f.name: getattr(view, f.name) for f in fields(View)}
     target = view.target.model_copy(update={"face_centre_m": (-x, -y)})
@@ -59,7 +70,14 @@ def face_view(view: View, placed: PlacedMarker) -> FaceView:
 
 
 def check_apart(placed: Sequence[PlacedMarker]) -> None:
-    """Raises ValueError where two markers overlap."""
+    """Check that no two markers overlap.
+
+    Args:
+        placed: the markers of one face.
+
+    Raises:
+        ValueError: when two markers overlap.
+    """
     for k, one in enumerate(placed):
         for other in placed[:k]:
             if _gap(one, other) < 0:
@@ -74,7 +92,12 @@ def _gap(one: PlacedMarker, other: PlacedMarker) -> float:
 
 
 def in_frame(view: View, placed: PlacedMarker) -> bool:
-    """Whether the whole marker is in the frame."""
+    """Whether all corners of a marker lie within the frame.
+
+    Args:
+        view: of the face.
+        placed: the marker.
+    """
     return bool(np.all(_corners_inside(view, placed)))
 
 
@@ -89,14 +112,15 @@ def _corners_inside(view: View, placed: PlacedMarker) -> NDArray[np.bool_]:
 
 
 def render_face(view: View, placed: Sequence[PlacedMarker], quality: Quality | None = None) -> TransportBasis:
-    """Transport basis of a face with several markers; the first in the frame is also what the rest of it is rendered with.
+    """Transport basis of a face with several markers. The first marker in the frame also supplies the rest of the image.
 
     Args:
-        view: camera, lights, target and range; the face's centre is on its axis, its marker is left out of account.
-        placed: at least one, apart from each other.
+        view: camera, lights, target and range; the centre of the face is on its axis, its own marker is ignored.
+        placed: at least one marker, none overlapping another.
+        quality: how densely to sample; default `Quality()`.
 
     Raises:
-        ValueError: where there is no marker, or two overlap.
+        ValueError: when there is no marker, or two overlap.
         RuntimeError: when no Mitsuba variant can run here.
     """
     if not placed:

@@ -91,7 +91,12 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Library:
-    """One libLLVM file. `version` is what the file's name says: "19.1", or None when it says nothing."""
+    """One libLLVM file.
+
+    Attributes:
+        path: of the file.
+        version: what the file's name says, for example "19.1"; None when it says nothing.
+    """
 
     path: str
     version: str | None
@@ -104,7 +109,14 @@ class Library:
 
 @dataclass(frozen=True)
 class Verdict:
-    """Whether a library compiles and renders, why not, and the version it reported itself."""
+    """Whether a library compiles and renders.
+
+    Attributes:
+        usable: whether it does.
+        reason: why, or why not, in one line.
+        version: what the library itself reports.
+        conclusive: False when another try may end differently (time-out, a missing file, killed from outside).
+    """
 
     usable: bool
     reason: str
@@ -114,7 +126,13 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a subprocess ended: `failure` is None, or one line that says why it failed; `output` is its stdout."""
+    """How a subprocess ended.
+
+    Attributes:
+        failure: None, or one line that says why it failed.
+        output: its standard output.
+        conclusive: False when another try may end differently.
+    """
 
     failure: str | None
     output: str
@@ -124,9 +142,14 @@ class Outcome:
 def run_isolated(
     code: str, environment: Mapping[str, str] | None = None, timeout_s: float = PROBE_TIMEOUT_S
 ) -> Outcome:
-    """Runs Python code in a subprocess of the same interpreter, so that its crash is only a line of text here.
+    """Run Python code in a subprocess of the same interpreter, so that a crash there is only a line of text here.
 
-    `environment` is added to this process's. Never raises for anything the code does.
+    It never raises for anything that the code does.
+
+    Args:
+        code: the Python code.
+        environment: variables to add to those of this process.
+        timeout_s: time after which the subprocess is stopped [s].
     """
     try:
         done = subprocess.run(
@@ -177,7 +200,11 @@ def find_libraries() -> list[Library]:
 
 
 def version_from_name(path: str) -> str | None:
-    """Version in a libLLVM's file name or in its directory's ("…/libLLVM.so.19.1", "…/llvm@19/lib/…"), or None."""
+    """Version in a libLLVM's file name or in its folder's ("…/libLLVM.so.19.1", "…/llvm@19/lib/…"), or None.
+
+    Args:
+        path: of the file.
+    """
     name = _LIBRARY_NAME.fullmatch(os.path.basename(path))
     if name is None:
         return None
@@ -186,7 +213,11 @@ def version_from_name(path: str) -> str | None:
 
 
 def probe(library: Library) -> Verdict:
-    """Compiles a kernel and renders a plate with the library, in a subprocess; takes about a second."""
+    """Compile a kernel and render a plate with a library, in a subprocess. This takes about a second.
+
+    Args:
+        library: to try.
+    """
     with tempfile.TemporaryDirectory(prefix="mantis-") as kernels:  # an empty kernel cache, so that it must compile
         outcome = run_isolated(_PROBE, {OVERRIDE: library.path, "DRJIT_CACHE_DIR": kernels})
     if outcome.failure is not None:
@@ -195,7 +226,12 @@ def probe(library: Library) -> Verdict:
 
 
 def verdict_on(library: Library, fresh: bool = False) -> Verdict:
-    """Verdict on a library: from its version if that is enough, else from the cache (unless `fresh`), else probed."""
+    """Verdict on a library: from its version where that is enough, else from the cache, else by a probe.
+
+    Args:
+        library: to judge.
+        fresh: whether to probe it even where the cache knows it.
+    """
     if library.major is not None and library.major < OLDEST_MAJOR:
         return Verdict(False, f"too old: Dr.Jit needs version {OLDEST_MAJOR} or newer", library.version)
     key = _cache_key(library)
@@ -211,7 +247,7 @@ def verdict_on(library: Library, fresh: bool = False) -> Verdict:
 def choose_library() -> Library | None:
     """First usable library in the order of `find_libraries`, or None.
 
-    An override that cannot be used costs one line in the log, not the run.
+    Where DRJIT_LIBLLVM_PATH names a library that cannot be used, a line in the log says so and the next one is tried.
     """
     override = os.environ.get(OVERRIDE)
     refused = ""
@@ -229,11 +265,15 @@ def choose_library() -> Library | None:
 
 
 def select_variant(requested: str | None = None) -> str:
-    """Name of the Mitsuba variant to use; points Dr.Jit to the chosen libLLVM. Call it before Mitsuba is imported.
+    """Name of the Mitsuba variant to use. It points Dr.Jit to the chosen libLLVM, so call it before Mitsuba is imported.
 
-    `requested` (or else MANTIS_VARIANT) forces a variant. Left free, it is `llvm_ad_spectral` where a libLLVM passes
-    the probe, and otherwise `scalar_spectral` with a warning in the log. Raises ValueError for a variant not in
-    `VARIANTS` and RuntimeError when the LLVM variant is forced and no library can be used.
+    Args:
+        requested: forces a variant, and so does MANTIS_VARIANT where this is None. Left free, the variant is
+            `llvm_ad_spectral` where a libLLVM passes the probe, and otherwise `scalar_spectral` with a warning in the log.
+
+    Raises:
+        ValueError: when the variant is not in `VARIANTS`.
+        RuntimeError: when the LLVM variant is forced and no library can be used.
     """
     forced = requested or os.environ.get(FORCED_VARIANT) or None
     if forced is not None and forced not in VARIANTS:
@@ -251,9 +291,14 @@ def select_variant(requested: str | None = None) -> str:
 
 
 def activate_variant(requested: str | None = None) -> str:
-    """Selects the variant as `select_variant` does, makes it Mitsuba's current one, and returns its name.
+    """Select the variant as `select_variant` does, make it Mitsuba's current one, and return its name.
 
-    Raises RuntimeError when Mitsuba itself cannot be loaded, besides what `select_variant` raises.
+    Args:
+        requested: as for `select_variant`.
+
+    Raises:
+        ValueError: when the variant is not in `VARIANTS`.
+        RuntimeError: when the LLVM variant is forced and no library can be used, or when Mitsuba itself cannot be loaded.
     """
     variant = select_variant(requested)
     try:

@@ -1,8 +1,8 @@
 """Geometry of the Mantis Marker: an ArUco square with an encoding element along each side. Pure numpy and OpenCV.
 
-An encoding element is a slotted cavity whose floor is retroreflective. Its slats, and its end walls, converge on a
-*virtual line* that runs parallel to the slats at a depth behind the front plane; only where a slat plane holds the
-viewer does the lit floor show, so the bright blob moves as if it were that line seen through the plane.
+An encoding element is a slotted cavity whose floor is retroreflective. Its slats and end walls converge on a *virtual
+line*, which runs parallel to the slats at a depth behind the front plane. The lit floor shows only where the plane of the
+slats holds the viewer. The bright blob therefore moves as if it were the virtual line, seen through the front plane.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from radiometry.geometry import FloatArray
+from radiometry.parameters import OpenFraction
 
 Mesh = tuple[FloatArray, NDArray[np.uint32]]
 ELEMENT_NAMES = ("top", "right", "bottom", "left")
@@ -31,7 +32,6 @@ DEPTH_LIMIT_M, DEPTH_TOLERANCE_M = 0.010, 0.005
 #: Thinnest slat and narrowest slit that a common printer makes [m]: its nozzle's width (assumption).
 PRINTABLE_M = 0.0004
 
-Fraction = Annotated[float, Field(gt=0, lt=1, allow_inf_nan=False)]
 Offset = Annotated[float, Field(allow_inf_nan=False)]
 
 
@@ -40,8 +40,17 @@ class Element:
     """One encoding element in the marker frame [m].
 
     The blob moves along `along`; slats and virtual line run along `across`. The virtual line passes through
-    ``virtual_offset_m * along − virtual_depth_m * z``, parallel to `across`. All coordinates along the element count from
-    `centre_m`, which is square to `along`; the middle of the opening is at `shift_m`, zero where it stands as designed.
+    ``virtual_offset_m * along − virtual_depth_m * z``, parallel to `across`.
+
+    Attributes:
+        name: one of `ELEMENT_NAMES`.
+        centre_m: origin of the coordinates along the element, (3,), perpendicular to `along` [m].
+        along, across: unit vectors, (3,).
+        length_m, width_m: of the opening [m].
+        depth_m: of the cavity's floor below the front plane [m].
+        virtual_offset_m: coordinate of the virtual line along the element [m].
+        virtual_depth_m: of the virtual line behind the front plane [m].
+        shift_m: coordinate of the middle of the opening [m]; zero where the element stands as designed.
     """
 
     name: str
@@ -58,8 +67,23 @@ class Element:
     def blob_offset_m(self, camera_in_marker_m: FloatArray) -> FloatArray:
         """Coordinate of the blob along the element, measured from the marker's centre [m].
 
-        The plane through the camera (..., 3) and the virtual line cuts the front plane z = 0 there:
-        u = u₀ + (C·along − u₀) V / (V + C_z).
+        The plane through the camera and the virtual line cuts the front plane z = 0 there: u = u₀ + (C·along − u₀) V / (V +
+        C_z).
+
+        Args:
+            camera_in_marker_m: position C of the camera, (..., 3) [m].
+
+        Returns:
+            (...) [m].
+
+        Example:
+            Straight above the virtual line the blob stays over the line, whatever the distance:
+
+            >>> from scenes.marker import MarkerDesign
+            >>> top = MarkerDesign().elements[0]
+            >>> offset = top.virtual_offset_m
+            >>> bool(abs(top.blob_offset_m([offset, 0.0, 5.0]) - offset) < 1e-12)
+            True
         """
         camera = np.asarray(camera_in_marker_m, float)
         travel = camera @ self.along - self.virtual_offset_m
@@ -67,7 +91,12 @@ class Element:
 
 
 class MarkerDesign(BaseModel):
-    """A Mantis Marker. Fractions are of the ArUco side unless stated."""
+    """A Mantis Marker. Fractions are of the ArUco's side unless stated otherwise.
+
+    Raises:
+        ValueError: when the dictionary or the identity does not exist, or when parts do not fit into the marker or beside
+            each other.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -79,15 +108,15 @@ class MarkerDesign(BaseModel):
         description="OpenCV dictionary without its DICT_ prefix, AprilTag families too; or MANTIS_3X3_4, four identities",
     )
     identity: int = Field(0, ge=0, description="index in the dictionary")
-    aruco_fraction: Fraction = Field(0.525, description="ArUco side over marker side, black border included")
-    ring_fraction: Fraction = Field(0.12, description="width of the reflective ring around the ArUco")
-    gap_fraction: Fraction = Field(0.17, description="from the ArUco's side to the element's opening")
-    element_length_fraction: Fraction = Field(0.95, description="length of an element's opening")
-    element_width_fraction: Fraction = Field(0.20, description="width of an element's opening")
-    element_depth_fraction: Fraction = Field(0.10, description="depth of the cavity over element length")
+    aruco_fraction: OpenFraction = Field(0.525, description="ArUco side over marker side, black border included")
+    ring_fraction: OpenFraction = Field(0.12, description="width of the reflective ring around the ArUco")
+    gap_fraction: OpenFraction = Field(0.17, description="from the ArUco's side to the element's opening")
+    element_length_fraction: OpenFraction = Field(0.95, description="length of an element's opening")
+    element_width_fraction: OpenFraction = Field(0.20, description="width of an element's opening")
+    element_depth_fraction: OpenFraction = Field(0.10, description="depth of the cavity over element length")
     slit_count: int = Field(25, ge=3, le=400, description="slits of one element")
-    slat_fraction: Fraction = Field(0.20, description="slat thickness over slit pitch")
-    virtual_depth_fraction: Fraction = Field(0.50, description="depth of the virtual line over element length")
+    slat_fraction: OpenFraction = Field(0.20, description="slat thickness over slit pitch")
+    virtual_depth_fraction: OpenFraction = Field(0.50, description="depth of the virtual line over element length")
     virtual_offset_fraction: Annotated[float, Field(ge=0, lt=0.5)] = Field(
         0.25, description="virtual line off the element's centre, over element length"
     )
@@ -97,6 +126,7 @@ class MarkerDesign(BaseModel):
     )
 
     def model_post_init(self, _: object) -> None:
+        """Check what spans several fields: the identity in its dictionary, and parts that must fit beside each other."""
         if self.dictionary not in OWN_DICTIONARIES and f"DICT_{self.dictionary}" not in dir(cv2.aruco):
             raise ValueError(
                 f"dictionary: {self.dictionary!r} is not one of OpenCV's (say '4X4_50' or 'APRILTAG_36h11') nor of "
@@ -150,9 +180,9 @@ class MarkerDesign(BaseModel):
         return self.element_depth_fraction * self.element_length_m
 
     def shortcomings(self) -> tuple[str, ...]:
-        """What keeps the design from being flat and being printed, one line each; none where nothing does.
+        """What keeps the design from being flat enough or from being printed, one line each; empty where nothing does.
 
-        Depth of the marker against SYS-REQ-14 of the thesis, slats and slits against what a printer's nozzle can make.
+        The depth is held against SYS-REQ-14 of the thesis, slats and slits against what a printer's nozzle can make.
         """
         pitch = self.element_length_m / self.slit_count
         floor = 1 - self.element_depth_fraction / self.virtual_depth_fraction  # slits and slats narrow towards the line
@@ -169,7 +199,7 @@ class MarkerDesign(BaseModel):
 
     @property
     def thickness_m(self) -> float:
-        """Front plane to mounting plane [m]: the cavity and a tenth of it as a back wall."""
+        """Distance from the front plane to the mounting plane [m]: the cavity, and a tenth of it as a back wall."""
         return 1.1 * self.element_depth_m
 
     @property
@@ -193,16 +223,26 @@ class MarkerDesign(BaseModel):
         )
         top, right, bottom, left = (
             Element(
-                name, centre, along, across, self.element_length_m, width, self.element_depth_m, u0 + shift,
-                self.virtual_depth_fraction * self.element_length_m, shift,
+                name=name,
+                centre_m=centre,
+                along=along,
+                across=across,
+                length_m=self.element_length_m,
+                width_m=width,
+                depth_m=self.element_depth_m,
+                virtual_offset_m=u0 + shift,
+                virtual_depth_m=self.virtual_depth_fraction * self.element_length_m,
+                shift_m=shift,
             )
-            for name, (centre, along, across, u0), shift in zip(ELEMENT_NAMES, placed, self.element_offsets_m, strict=True)
-        )  # fmt: skip
+            for name, (centre, along, across, u0), shift in zip(
+                ELEMENT_NAMES, placed, self.element_offsets_m, strict=True
+            )
+        )
         return top, right, bottom, left
 
     @property
     def virtual_points_m(self) -> dict[str, FloatArray]:
-        """Where the virtual lines of one horizontal and one vertical element cross, by 'top_right' and so on, (3,) [m]."""
+        """Where the virtual lines of a horizontal and a vertical element cross, (3,) by 'top_right' and so on [m]."""
         top, right, bottom, left = self.elements
         return {
             f"{h.name}_{v.name}": np.array([h.virtual_offset_m, v.virtual_offset_m, -h.virtual_depth_m])
@@ -225,7 +265,7 @@ class MarkerDesign(BaseModel):
         return np.stack([(column + 0.5) * self.bit_m - half, half - (row + 0.5) * self.bit_m, 0.0 * row], axis=-1)
 
     def plane_cells(self) -> Iterator[tuple[float, float, float, float, str]]:
-        """The front plane without the openings as rectangles (x0, x1, y0, y1, material) [m]."""
+        """The front plane without the openings, cut into rectangles (x0, x1, y0, y1, material) [m]."""
         half, a = self.size_m / 2, self.aruco_m / 2
         ring = a + self.ring_fraction * self.aruco_m
         near = a + self.gap_fraction * self.aruco_m
@@ -237,9 +277,11 @@ class MarkerDesign(BaseModel):
         )
         # Openings as intervals (x0, x1, y0, y1).
         openings = [
-            (ends[0], ends[1], near, far), (near, far, ends[2], ends[3]),
-            (ends[4], ends[5], -far, -near), (-far, -near, ends[6], ends[7]),
-        ]  # fmt: skip
+            (ends[0], ends[1], near, far),
+            (near, far, ends[2], ends[3]),
+            (ends[4], ends[5], -far, -near),
+            (-far, -near, ends[6], ends[7]),
+        ]
         for x0, x1 in pairwise(edges):
             for y0, y1 in pairwise(edges):
                 middle_x, middle_y = (x0 + x1) / 2, (y0 + y1) / 2
@@ -253,11 +295,22 @@ class MarkerDesign(BaseModel):
                 yield x0, x1, y0, y1, material
 
     def reflective_rectangles_m(self) -> FloatArray:
-        """Tape on the front plane as rectangles (n, 4): x0, x1, y0, y1 [m]. All else of the plane absorbs."""
+        """Tape on the front plane as rectangles x0, x1, y0, y1, (n, 4) [m]. The rest of the plane absorbs.
+
+        Example:
+            >>> from scenes.marker import MarkerDesign
+            >>> marker = MarkerDesign()
+            >>> marker.bits.shape, marker.reflective_rectangles_m().shape[1]
+            ((6, 6), 4)
+        """
         return np.array([cell[:4] for cell in self.plane_cells() if cell[4] == "retro"])
 
     def meshes(self) -> dict[str, Mesh]:
-        """Triangles by material ('retro', 'absorber'): vertices (n, 3) [m] and faces (m, 3), wound outwards."""
+        """Triangles by material, 'retro' and 'absorber'.
+
+        Returns:
+            By material, vertices (n, 3) [m] and triangles (m, 3), counter-clockwise as seen from outside.
+        """
         parts: dict[str, list[FloatArray]] = {"retro": [], "absorber": []}
         for x0, x1, y0, y1, material in self.plane_cells():
             parts[material].append(_quad([(x0, y0, 0), (x1, y0, 0), (x1, y1, 0), (x0, y1, 0)], (0, 0, 1)))
@@ -309,7 +362,14 @@ class MarkerDesign(BaseModel):
 
 @lru_cache
 def aruco_dictionary(name: str) -> cv2.aruco.Dictionary:
-    """Dictionary of a name: of `OWN_DICTIONARIES`, or OpenCV's without its DICT_ prefix."""
+    """Dictionary of a name.
+
+    Args:
+        name: one of `OWN_DICTIONARIES`, or an OpenCV dictionary without its DICT_ prefix.
+
+    Raises:
+        AttributeError: when OpenCV has no such dictionary.
+    """
     if name not in OWN_DICTIONARIES:
         return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{name}"))
     patterns = [

@@ -1,7 +1,7 @@
 """Other fiducials in the marker's place: square tags of any of OpenCV's dictionaries, and dots of which one stands on a post.
 
-They are held against the Mantis Marker at equal outer size. In a `View` they stand where the marker does, in the plane z = 0 of
-the marker frame with its origin at the centre, and answer what the renderer asks of a marker.
+They are compared with the Mantis Marker at equal outer size. In a `View` they stand where the marker does, in the plane z =
+0 of the marker frame with its origin at the centre, and they answer everything that the renderer asks of a marker.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from scenes.marker import MarkerDesign, Mesh, aruco_dictionary
 from scenes.view import View
 
 Side = Annotated[float, Field(gt=0, le=10, allow_inf_nan=False)]
-Fraction = Annotated[float, Field(gt=0, lt=0.5, allow_inf_nan=False)]
+#: A length over the plate's side that fits between its edge and its centre.
+FractionBelowHalf = Annotated[float, Field(gt=0, lt=0.5, allow_inf_nan=False)]
 
 #: Sides of the polygon that stands for a dot: its area is 0.3 % below the circle's.
 _DOT_SIDES = 48
@@ -27,7 +28,7 @@ _DOT_LIFT_M = 1e-5
 
 
 class _Plate(BaseModel):
-    """What the renderer asks of anything in the marker's place; there are no encoding elements."""
+    """What the renderer asks of anything in the marker's place. A plate has no encoding elements."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -81,7 +82,7 @@ class _Plate(BaseModel):
 
 
 class TagPlate(_Plate):
-    """A printed square tag: black border and bits, a bright quiet zone of one cell around them, an absorbing rim of another."""
+    """A printed square tag: black border and bits, a bright quiet zone one cell wide, and an absorbing rim one cell wide."""
 
     dictionary: str = Field("4X4_50", description="OpenCV dictionary without its DICT_ prefix")
     identity: int = Field(0, ge=0, description="index in the dictionary")
@@ -115,7 +116,7 @@ class TagPlate(_Plate):
 
     @property
     def gap_fraction(self) -> float:
-        """From the border to the end of the absorbing rim, over the side."""
+        """Distance from the border to the end of the absorbing rim, over the side."""
         return 2 / len(self.bits)
 
     @property
@@ -139,14 +140,14 @@ class TagPlate(_Plate):
 
 
 class DotPlate(_Plate):
-    """Bright dots at the corners of an absorbing plate and one above its centre, on a post: a protrusion as true geometry.
+    """Bright dots at the corners of an absorbing plate, and one above its centre on a post, as true geometry.
 
     After the Space Vision Marker System (Bondy et al. 2007), idealised: the post is as slender as its dot, and absorbs.
     """
 
     side_m: Side = Field(0.10, description="side of the plate [m]")
-    dot_fraction: Fraction = Field(0.06, description="radius of a dot over the plate's side; assumption")
-    margin_fraction: Fraction = Field(
+    dot_fraction: FractionBelowHalf = Field(0.06, description="radius of a dot over the plate's side; assumption")
+    margin_fraction: FractionBelowHalf = Field(
         0.10, description="from the plate's edge to a dot's centre, over its side; assumption"
     )
     height_fraction: Annotated[float, Field(gt=0, le=1)] = Field(
@@ -155,10 +156,12 @@ class DotPlate(_Plate):
 
     @property
     def size_m(self) -> float:
+        """Side of the plate [m]."""
         return self.side_m
 
     @property
     def bit_m(self) -> float:
+        """Radius of a dot [m], which stands for the distance between edges."""
         return self.dot_radius_m
 
     @property
@@ -196,6 +199,11 @@ class DotPlate(_Plate):
 
 
 def view_of(plate: TagPlate | DotPlate, view: View) -> View:
-    """A view with a plate in the marker's place."""
+    """A view with a plate in the marker's place.
+
+    Args:
+        plate: the tag or the dots.
+        view: camera, lights, target and range; its own marker is replaced.
+    """
     # The renderer asks a marker for what a plate answers, too.
     return replace(view, marker=cast(MarkerDesign, plate))

@@ -1,4 +1,4 @@
-"""The debris face that carries the marker: a square of crinkled foil behind its plane, and metal bars beside it if wanted."""
+"""The debris face that carries the marker: a square of crinkled foil behind the marker, and metal bars beside it if wanted."""
 
 from __future__ import annotations
 
@@ -18,7 +18,11 @@ _EDGE_STRIPS = 64
 
 
 class Target(BaseModel):
-    """Face of the target spacecraft and how it stands and turns before the camera."""
+    """Face of the target spacecraft, its attitude and its rotation before the camera.
+
+    Raises:
+        ValueError: when the facets are too small for the face to be meshed.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -73,7 +77,12 @@ class Target(BaseModel):
 
 
 def surroundings(target: Target, marker: MarkerDesign) -> dict[str, tuple[Mesh, str]]:
-    """Everything about the marker, as mesh and material by name."""
+    """Everything around the marker, as mesh and name of the material by name of the surface.
+
+    Args:
+        target: the face.
+        marker: behind which it stands.
+    """
     meshes = {"face": (face_mesh(target, marker), target.face_material)}
     if target.edge_radius_m > 0:
         meshes["edge"] = (edge_mesh(target, marker), target.edge_material)
@@ -81,10 +90,18 @@ def surroundings(target: Target, marker: MarkerDesign) -> dict[str, tuple[Mesh, 
 
 
 def face_mesh(target: Target, marker: MarkerDesign) -> Mesh:
-    """Crinkled sheet as flat triangles: vertices (n, 3) in the marker frame [m], faces (m, 3), facing the viewer.
+    """Crinkled sheet as flat triangles that face the viewer.
 
-    Heights are independent and Gaussian, cut at 3σ, at the vertices of a jittered grid, and scaled so that the root mean square
-    of the facets' slopes ∂z/∂x and ∂z/∂y is tan(facet_slope). All of it stays behind the marker's mounting plane.
+    Heights are independent and Gaussian, cut at 3σ, at the vertices of a jittered grid. They are scaled so that the root
+    mean square of the slopes ∂z/∂x and ∂z/∂y of the facets is tan(facet_slope). The whole sheet stays behind the mounting
+    plane of the marker.
+
+    Args:
+        target: size, facets and seed.
+        marker: behind which the sheet stands.
+
+    Returns:
+        Vertices (n, 3) in the marker frame [m] and triangles (m, 3).
     """
     cells = max(1, round(target.face_m / target.facet_m)) if target.facet_slope_deg > 0 else 1
     rng = np.random.default_rng(target.facet_seed)
@@ -108,9 +125,16 @@ def face_mesh(target: Target, marker: MarkerDesign) -> Mesh:
 
 
 def edge_mesh(target: Target, marker: MarkerDesign) -> Mesh:
-    """Half-round bars along the marker's four sides, a radius off them, flush with its back: vertices (n, 3) [m], faces (m, 3).
+    """Half-round bars along the marker's four sides, one radius away from them and flush with its back.
 
     A cylinder has a line of specular points for any Sun in its half space: an edge that always glints somewhere.
+
+    Args:
+        target: for the radius of the bars.
+        marker: beside which they stand.
+
+    Returns:
+        Vertices (n, 3) in the marker frame [m] and triangles (m, 3).
     """
     radius, reach = target.edge_radius_m, marker.size_m / 2 + 3 * target.edge_radius_m
     angle = np.linspace(0, np.pi, _EDGE_STRIPS + 1)
@@ -131,7 +155,12 @@ def edge_mesh(target: Target, marker: MarkerDesign) -> Mesh:
 
 
 def facet_slopes(vertices_m: FloatArray, faces: NDArray[np.uint32]) -> FloatArray:
-    """Slopes ∂z/∂x and ∂z/∂y of every triangle of a mesh, (m, 2)."""
+    """Slopes ∂z/∂x and ∂z/∂y of every triangle of a mesh, (m, 2).
+
+    Args:
+        vertices_m: (n, 3) [m].
+        faces: triangles (m, 3).
+    """
     a, b, c = (vertices_m[faces[:, k]] for k in range(3))
     normal = np.cross(b - a, c - a)
     return -normal[:, :2] / normal[:, 2:]

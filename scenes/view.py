@@ -27,7 +27,18 @@ AFTER_TRANSPORT = frozenset(
 
 @dataclass(frozen=True)
 class View:
-    """One geometry to be rendered: everything that changes transport, and nothing else."""
+    """One geometry to be rendered: everything that changes transport, and nothing else.
+
+    Attributes:
+        camera: as it images the range (`radiometry.optics.camera_at`).
+        marker: the design.
+        target: the face behind it, and the attitude of both.
+        leds: illuminator around the lens.
+        sun: direction and distance of the Sun.
+        range_m: distance of the marker along the optical axis [m].
+        nodes_nm: wavelengths, in groups of four [nm].
+        earth: the sunlit Earth, or None.
+    """
 
     camera: Camera
     marker: MarkerDesign
@@ -45,7 +56,7 @@ class View:
 
     @cached_property
     def rotation(self) -> FloatArray:
-        """Marker -> camera, (3, 3)."""
+        """Rotation from the marker frame to the camera frame, (3, 3)."""
         return attitude_matrix(*np.radians([self.target.pitch_deg, self.target.yaw_deg, self.target.roll_deg]))
 
     @cached_property
@@ -66,15 +77,36 @@ class View:
         return self.rotation.T @ there
 
     def to_marker(self, points_camera_m: FloatArray) -> FloatArray:
-        """Points (..., 3) of the camera frame in the marker frame [m]."""
+        """Points of the camera frame in the marker frame.
+
+        Args:
+            points_camera_m: (..., 3) [m].
+
+        Returns:
+            (..., 3) [m].
+        """
         return (points_camera_m - self.translation_m) @ self.rotation
 
     def to_image(self, points_marker_m: FloatArray) -> FloatArray:
-        """Image positions (..., 2) [px] of points (..., 3) of the marker frame [m]."""
+        """Image positions of points of the marker frame.
+
+        Args:
+            points_marker_m: (..., 3) [m].
+
+        Returns:
+            (..., 2) as column and row [px].
+        """
         return self.camera.project(points_marker_m @ self.rotation.T + self.translation_m)
 
     def to_plane(self, image_px: FloatArray) -> FloatArray:
-        """Coordinates (n, 2) [m] on the marker's plane of what is seen at image positions (n, 2) [px]."""
+        """Where lines of sight meet the marker's plane.
+
+        Args:
+            image_px: positions in the image, (n, 2) as column and row [px].
+
+        Returns:
+            x and y in the marker frame, (n, 2) [m].
+        """
         homography = self.camera.matrix @ np.column_stack([self.rotation[:, :2], self.translation_m])
         ideal_px = self.camera.undistort_px(image_px)
         points = np.column_stack([ideal_px, np.ones(len(ideal_px))]) @ np.linalg.inv(homography).T
@@ -85,14 +117,15 @@ class View:
 class Quality:
     """How densely a view is sampled.
 
-    The marker's density follows from the charge that its pixels can hold (`scenes.render.density`); the frame's is given.
+    The density on the marker follows from the charge that its pixels can hold (`scenes.render.density`). That of the frame
+    is given.
 
     Attributes:
-        frame_samples: rays along one side of a pixel, outside the marker; 0 leaves the frame there dark.
-        marker_rays: most rays spent on the marker's surroundings.
+        frame_samples: rays along one side of a pixel outside the marker; 0 leaves the frame dark there.
+        marker_rays: most rays to spend on the marker's surroundings.
         seed: of the lattices' shifts.
-        electrons: charge of the brightest pixels against whose shot noise the renderer's is held [electrons].
-        variance_fraction: renderer's variance over shot variance that the marker's pixels may reach.
+        electrons: charge of the brightest pixels with whose shot noise the renderer's noise is compared [electrons].
+        variance_fraction: largest ratio of the renderer's variance to shot variance on the marker's pixels.
     """
 
     frame_samples: int = 1
@@ -104,7 +137,13 @@ class Quality:
 
 @dataclass(frozen=True)
 class Region:
-    """A rectangle of whole pixels and the sub-pixels along one side of each."""
+    """A rectangle of whole pixels.
+
+    Attributes:
+        x0, y0: its first column and row.
+        width, height: number of columns and rows.
+        samples: sub-pixels along one side of each pixel.
+    """
 
     x0: int
     y0: int
@@ -121,9 +160,10 @@ class TransportBasis:
         nodes_nm: wavelengths [nm].
         layers: by light, (nodes, height, width) float32 in the units of `UNITS`.
         attributes: provenance, string or number.
-        noise: by light, half the difference (height, width) of two independent renderings whose mean the layers are, averaged
-            over the wavelengths, in the same units: one draw of the layers' error, whose square's mean is their variance. Zero
-            away from ArUco and elements, where there is but one rendering; empty where nothing is known.
+        noise: by light, one sample (height, width) of the error of the layers, in the same units: half the difference of
+            two independent renderings whose mean the layers are, averaged over the wavelengths. The mean of its square is
+            the variance of the layers. It is zero away from ArUco and elements, where there is only one rendering, and
+            absent where nothing is known.
     """
 
     nodes_nm: tuple[int, ...]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -38,6 +39,18 @@ def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         del os.environ["MANTIS_CACHE"]
     else:
         os.environ["MANTIS_CACHE"] = before
+
+
+@pytest.fixture(scope="session")
+def mi() -> ModuleType:
+    """Mitsuba with an LLVM variant set; skips where no libLLVM can be had."""
+    from scenes.llvm import LLVM_VARIANT, activate_variant
+
+    if activate_variant() != LLVM_VARIANT:
+        pytest.skip("needs a libLLVM that Dr.Jit can use (see `mantis doctor`)")
+    import mitsuba
+
+    return mitsuba
 
 
 @pytest.fixture(scope="session")

@@ -124,10 +124,10 @@ def _edges(state: FloatArray, x: FloatArray, y: FloatArray) -> tuple[FloatArray,
         by_corner.append(-peak[:, None] * np.array([cos, sin]))
         by_angle.append(peak * ((y - cy) * cos - (x - cx) * sin))
         by_sigma.append(-peak * z)
-    return signs[0] * signs[1], np.column_stack([
-        by_corner[0] * signs[1][:, None] + by_corner[1] * signs[0][:, None],
-        by_angle[0] * signs[1], by_angle[1] * signs[0], by_sigma[0] * signs[1] + by_sigma[1] * signs[0],
-    ])  # fmt: skip
+    corner = by_corner[0] * signs[1][:, None] + by_corner[1] * signs[0][:, None]
+    sigma_slope = by_sigma[0] * signs[1] + by_sigma[1] * signs[0]
+    by_state = np.column_stack([corner, by_angle[0] * signs[1], by_angle[1] * signs[0], sigma_slope])
+    return signs[0] * signs[1], by_state
 
 
 def calibrate_camera(

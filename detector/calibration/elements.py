@@ -113,8 +113,13 @@ def _pose_of(found: Features, marker: MarkerDesign, camera: Camera) -> KnownPose
 
 
 def _solve(
-    problem: _Joint, rotation: FloatArray, translation: FloatArray, built: FloatArray, known: bool, used: tuple[int, ...]
-) -> ElementCalibration:  # fmt: skip
+    problem: _Joint,
+    rotation: FloatArray,
+    translation: FloatArray,
+    built: FloatArray,
+    known: bool,
+    used: tuple[int, ...],
+) -> ElementCalibration:
     """Levenberg–Marquardt over the elements, the poses eliminated image by image."""
     residual = problem.residuals(rotation, translation, built)
     cost, damping = float((residual**2).sum()), 1e-3
@@ -148,7 +153,15 @@ def _solve(
         )
     reduced = cost / freedom
     covariance = np.linalg.inv(scaled) / np.outer(scale, scale) * max(1.0, reduced)
-    return ElementCalibration(built[:4], float(built[4]), covariance, rotation, translation, reduced, used)
+    return ElementCalibration(
+        offsets_m=built[:4],
+        virtual_depth_m=float(built[4]),
+        covariance=covariance,
+        rotations=rotation,
+        translations_m=translation,
+        reduced_chi2=reduced,
+        used=used,
+    )
 
 
 def _reduced(

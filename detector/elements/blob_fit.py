@@ -48,11 +48,28 @@ class View(NamedTuple):
     high: float
 
 
+class Site(NamedTuple):
+    """Where an element lies and what is beside it."""
+
+    axis: int  # 0: the blob moves along x, 1: along y
+    half_m: float  # half side of the ArUco [m]
+    sigma_px: float  # standard deviation of point spread and pixel box together [px]
+    outwards: float  # on which side of the marker's centre the element lies, ±1
+    ring_m: float  # outer edge of the ring, from the marker's centre [m]
+    edge_m: float  # outline of the marker, from its centre [m]
+    glare: float  # scatter of the foil along the element [DN]
+    end_m: float  # half length of the element [m]
+    middle_m: float  # middle of the element, along it [m]
+
+
 @kernel
-def readings_of(columns, rows, data, saturated, extra, noise, inverse, axis, geometry, levels):
-    """Readings of pixels (n,); `geometry`: half ArUco side [m], blur [px], side of the element (±1), edges of ring and marker
-    [m], scatter of the foil along the element [DN], half length and middle of the element [m]."""
-    half, sigma_px, outwards, ring_m, edge_m, glare, end, middle = geometry
+def readings_of(pixels, inverse, site, levels):
+    """Readings of an element from pixels of the image (`detector.pattern.corner_fit.Readings`).
+
+    `inverse`: image -> plane homography (3, 3). `levels`: the light of the pattern, see `detector.pattern.corner_fit.LEVELS`.
+    """
+    columns, rows, data, saturated, extra, noise = pixels
+    axis, half, sigma_px, outwards, ring_m, edge_m, glare, end, middle = site
     n = len(columns)
     u, v, blur_v, spill, light = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty((4, n))
     less, variance = np.empty(n), np.empty(n)
@@ -73,22 +90,29 @@ def readings_of(columns, rows, data, saturated, extra, noise, inverse, axis, geo
     blur = (spread, abs(by_column), abs(by_row))
     cell_m, taps = blur_taps(blur, CELLS_PER_SIGMA)
     coarse_cell_m, coarse_taps = blur_taps(blur, 1.0)
-    return u, v, cell_m, taps, coarse_cell_m, coarse_taps, blur_v, less, saturated, spill, variance, noise, light
+    return Readings(
+        u=u,
+        v=v,
+        cell_m=cell_m,
+        taps=taps,
+        coarse_cell_m=coarse_cell_m,
+        coarse_taps=coarse_taps,
+        blur_v=blur_v,
+        data=less,
+        saturated=saturated,
+        spill=spill,
+        extra=variance,
+        noise=noise,
+        light=light,
+    )
 
 
 def thinned(readings: Readings, every: int) -> Readings:
     """Every so many of the readings, in memory of their own."""
     if every == 1:
         return readings
-    r = readings
-    parts = (
-        np.ascontiguousarray(a[..., ::every])
-        for a in (r.u, r.v, r.blur_v, r.data, r.saturated, r.spill, r.extra, r.light)
-    )
-    u, v, blur_v, data, saturated, spill, extra, light = parts
-    return Readings(
-        u, v, r.cell_m, r.taps, r.coarse_cell_m, r.coarse_taps, blur_v, data, saturated, spill, extra, r.noise, light
-    )
+    by_pixel = ("u", "v", "blur_v", "data", "saturated", "spill", "extra", "light")
+    return readings._replace(**{name: np.ascontiguousarray(getattr(readings, name)[..., ::every]) for name in by_pixel})
 
 
 @wide_kernel
@@ -104,7 +128,8 @@ def _shade_across(view, readings):
 @kernel
 def _shine(view, readings, shade, blob, column):
     """Blurred light of a blob in every pixel (n,); 1 is fully lit floor."""
-    blob_profile(view.numbers, view.slit_count, view.beside, blob, readings.cell_m, readings.taps, readings.u, column)
+    grid = blurred_cells(view.numbers, view.slit_count, view.beside, blob, readings.cell_m, readings.taps)
+    blob_profile(view.numbers, view.slit_count, grid, readings.cell_m, readings.u, column)
     column *= shade
 
 

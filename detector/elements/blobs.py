@@ -15,7 +15,7 @@ from functools import lru_cache
 import numpy as np
 
 from detector.compiled import kernel
-from detector.elements.blob_fit import Readings, View, blob_step, descend, readings_of, search_positions, thinned
+from detector.elements.blob_fit import Site, View, blob_step, descend, readings_of, search_positions, thinned
 from detector.elements.slits import Slits
 from detector.pattern.corners import PatternFit, gather, sample
 from detector.pattern.pattern import inverse3, is_inside, nearest_pixels, pixels_of, project
@@ -87,15 +87,27 @@ def _layouts(marker: MarkerDesign) -> tuple[_Layout, ...]:
     return tuple(found)
 
 
+@dataclass(frozen=True)
+class _Sighting:
+    """What is known of a marker before its elements are looked at."""
+
+    image: np.ndarray
+    fit: PatternFit
+    marker: MarkerDesign
+    sigma_px: float  # standard deviation of point spread and pixel box together
+    noise: NoiseModel
+    range_m: float
+    light_ring_m: float | None
+
+
 class _ElementImage:
     """Pixels of one element and the cost of a blob at given positions, everything else fitted."""
 
-    def __init__(
-        self, image: np.ndarray, fit: PatternFit, marker: MarkerDesign, layout: _Layout, range_m: float,
-        sigma_px: float, noise: NoiseModel, light_ring_m: float | None,
-    ):  # fmt: skip
+    def __init__(self, sighting: _Sighting, layout: _Layout):
+        image, fit, marker, noise = sighting.image, sighting.fit, sighting.marker, sighting.noise
         self.marker, self.layout, self.fit, self.element = marker, layout, fit, layout.element
-        self.range_m, self.light_ring_m, half = range_m, light_ring_m, marker.aruco_m / 2
+        self.range_m, self.light_ring_m = sighting.range_m, sighting.light_ring_m
+        half = marker.aruco_m / 2
         moved = fit.matrix @ layout.place
         height, width = image.shape
         self.whole = is_inside(moved, 1.0, height, width)
@@ -108,27 +120,26 @@ class _ElementImage:
         self.count = len(seen.data)
         if self.count < 8:
             return
-        ring_m = half * (1 + 2 * marker.ring_fraction)
-        glare = _scatter(image, fit.matrix, layout.foil)
-        end = layout.element.length_m / 2
-        self.geometry = np.array(
-            [half, sigma_px, layout.outwards, ring_m, marker.size_m / 2, glare, end, layout.element.shift_m]
+        site = Site(
+            axis=layout.axis,
+            half_m=half,
+            sigma_px=sighting.sigma_px,
+            outwards=layout.outwards,
+            ring_m=half * (1 + 2 * marker.ring_fraction),
+            edge_m=marker.size_m / 2,
+            glare=_scatter(image, fit.matrix, layout.foil),
+            end_m=layout.element.length_m / 2,
+            middle_m=float(layout.element.shift_m),
         )
         #: Levels of blob and background, and of the foil and its slope, where it spills in.
         self.level = np.zeros(4)
-        seen = self.seen
-        self.all = Readings(
-            *readings_of(
-                seen.columns, seen.rows, seen.data, seen.saturated, seen.extra, seen.noise, inverse3(fit.matrix),
-                layout.axis, self.geometry, fit.levels_dn,
-            )
-        )  # fmt: skip
+        self.all = readings_of(seen, inverse3(fit.matrix), site, fit.levels_dn)
         if self.all.light[2].max() < 1e-3:
             self.level = np.zeros(2)
             self.all = self.all._replace(light=self.all.light[:2])
         self.few = thinned(self.all, -(-self.count // DESCENT_PIXELS))
         self.level[1] = fit.black_dn
-        self.look_from(np.array([0.0, 0.0, range_m]))
+        self.look_from(np.array([0.0, 0.0, self.range_m]))
 
     def look_from(self, camera_m: FloatArray) -> None:
         """Set where the camera stands in the marker frame."""
@@ -214,16 +225,33 @@ def _scatter(image: np.ndarray, matrix: FloatArray, points: FloatArray) -> float
 
 
 def find_blobs(
-    image: np.ndarray, fit: PatternFit, marker: MarkerDesign, camera: Camera, sigma_px: float, noise: NoiseModel,
+    image: np.ndarray,
+    fit: PatternFit,
+    marker: MarkerDesign,
+    camera: Camera,
+    *,
+    sigma_px: float,
+    noise: NoiseModel,
     light_ring_m: float | None = None,
-) -> dict[str, Blob | str]:  # fmt: skip
-    """The blob of each element by name, or in a few words why there is none."""
+) -> dict[str, Blob | str]:
+    """The blob of each encoding element of a marker whose pattern has been found.
+
+    Args:
+        image: (height, width) [DN].
+        fit: the pattern as found in this image.
+        marker: its design.
+        camera: gives focal length and principal point, for the perspective through the slits.
+        sigma_px: standard deviation of point spread and pixel box together [px].
+        noise: of the image.
+        light_ring_m: radius of the LED ring about the lens [m]; None where it is not known.
+
+    Returns:
+        By the element's name the blob, or in a few words why there is none.
+    """
     by_homography = camera_in_marker_m(fit.matrix, marker, camera)
     range_m = float(np.linalg.norm(by_homography))
-    shown = {
-        layout.element.name: _ElementImage(image, fit, marker, layout, range_m, sigma_px, noise, light_ring_m)
-        for layout in _layouts(marker)
-    }
+    sighting = _Sighting(image, fit, marker, sigma_px, noise, range_m=range_m, light_ring_m=light_ring_m)
+    shown = {layout.element.name: _ElementImage(sighting, layout) for layout in _layouts(marker)}
     roughly = {name: element.rough_position() for name, element in shown.items()}
     # The homography of a small marker knows the attitude badly; the blobs themselves tell where the camera stands.
     camera_m = _camera_from_blobs(shown, roughly, by_homography)

@@ -84,8 +84,9 @@ class Slits:
 
 
 @kernel
-def lit_cells(numbers, slit_count, beside, blob, low, step, lit) -> None:
-    """Part of each cell, of size `step` from `low` on, where lit floor is seen; the mean over the lights."""
+def lit_cells(numbers, slit_count, beside, blob, grid, lit) -> None:
+    """Part of each cell where lit floor is seen, mean over the lights. `grid`: start of the first cell, and a cell's size [m]."""
+    low, step = grid
     start, pitch, half_slat, follow = numbers
     cells, share = len(lit), 1.0 / len(beside)
     lit[:] = 0.0
@@ -145,7 +146,7 @@ def blurred_cells(numbers, slit_count, beside, blob, step, taps):
     length, reach = slit_count * numbers[1], len(taps) // 2
     cells = math.ceil(length / step) + 2 * reach + 4
     lit, blurred = np.empty(cells), np.zeros(cells)
-    lit_cells(numbers, slit_count, beside, blob, numbers[0] + length / 2 - cells / 2 * step, step, lit)
+    lit_cells(numbers, slit_count, beside, blob, (numbers[0] + length / 2 - cells / 2 * step, step), lit)
     for cell in range(cells):
         if lit[cell] > 0:
             for k in range(max(-reach, -cell), min(reach, cells - 1 - cell) + 1):
@@ -154,9 +155,8 @@ def blurred_cells(numbers, slit_count, beside, blob, step, taps):
 
 
 @kernel
-def blob_profile(numbers, slit_count, beside, blob, step, taps, places, profile) -> None:
-    """Light of a blob in `profile` (n,) at places (n,) along the element; see `blurred_cells`."""
-    blurred = blurred_cells(numbers, slit_count, beside, blob, step, taps)
+def blob_profile(numbers, slit_count, blurred, step, places, profile) -> None:
+    """Light of a blob in `profile` (n,) at places (n,) along the element [m], from its cells; see `blurred_cells`."""
     cells, middle = len(blurred), numbers[0] + slit_count * numbers[1] / 2
     for p in range(len(places)):
         at = min(max((places[p] - middle) / step + cells / 2 - 0.5, 0.0), cells - 1.001)

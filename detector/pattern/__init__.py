@@ -1,1 +1,9 @@
 """The ArUco pattern: candidates, their bits, and the corners of the best."""
+
+__all__ = [
+    "candidates",
+    "corner_fit",
+    "corners",
+    "decode",
+    "pattern",
+]

@@ -41,9 +41,13 @@ class Look(NamedTuple):
 #: The narrow window keeps glaring foil out and finds the smallest markers; the wide one bears more noise. On smoothed
 #: copies a lower threshold keeps a faint ring closed, and correlated specks stay apart.
 LOOKS = (
-    Look(1, 0.0, 7, 2.0), Look(1, 0.5, 7, 0.5), Look(1, 0.7, 13, 1.5), Look(1, 1.0, 9, 0.5), Look(2, 0.9, 9, 0.5),
+    Look(1, 0.0, 7, 2.0),
+    Look(1, 0.5, 7, 0.5),
+    Look(1, 0.7, 13, 1.5),
+    Look(1, 1.0, 9, 0.5),
+    Look(2, 0.9, 9, 0.5),
     Look(4, 0.9, 9, 0.5),
-)  # fmt: skip
+)
 #: Places of high contrast: means over CELL × CELL pixels that exceed the lowest of their surroundings (cells) by one of these
 #: parts of the frame's highest contrast, and by this many deviations of a single pixel's noise.
 CELL, SURROUNDINGS, CONTRASTS, CONTRAST_SIGMAS = 4, 5, (0.3, 0.06), 2.0

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from detector.compiled import BLOCK, add_products, invert_scaled, kernel, mirror, solve_scaled, wide_kernel
-from detector.pattern.pattern import SQUARE, image_of, inverse3, new_block, see, shine
+from detector.pattern.pattern import SQUARE, Sight, image_of, inverse3, new_block, see, shine
+from radiometry.geometry import FloatArray
 
 #: Iterations of the descent at most.
 MAX_ITERATIONS = 12
@@ -23,6 +26,48 @@ UNEVEN_CHI2 = 25.0
 #: What the model of blur and light leaves in a corner without any noise, standard deviation: in pixels, and over the ArUco's
 #: side. Measured on ray-traced frames at many sub-pixel places: 0.001 px at 12–30 px a side, 0.003 px at 120 px.
 MODEL_SIGMA_PX, MODEL_SIGMA_SIDE = 0.0015, 2.5e-5
+
+
+class Readings(NamedTuple):
+    """Some pixels of an image, (n,) each, and what is known of their noise."""
+
+    columns: FloatArray  # place relative to an origin [px]
+    rows: FloatArray
+    data: FloatArray  # [DN]
+    saturated: NDArray[np.bool_]
+    extra: FloatArray  # variance beyond the noise model's [DN²]
+    noise: FloatArray  # see `detector.pattern.corners.noise_numbers`
+
+
+class Template(NamedTuple):
+    """What is printed, and the blur it is seen through."""
+
+    lines: FloatArray  # grid lines of the cells [plane units], (n + 1,)
+    cells: FloatArray  # reflectance of the cells, first index along x, second along y, (n, n)
+    sigma_px: float  # standard deviation of point spread and pixel box together
+
+
+class State(NamedTuple):
+    """The parameters of a fit, changed in place."""
+
+    matrix: FloatArray  # plane -> image homography relative to the readings' origin, last element 1, (3, 3)
+    levels: FloatArray  # of the light, see `LEVELS`, (9,)
+
+
+class Equations(NamedTuple):
+    """Normal equations of a fit at some state, filled in place."""
+
+    normal: FloatArray  # information about the parameters: homography row by row, then levels, (k, k)
+    rhs: FloatArray  # gradient of the log-likelihood, (k,)
+    result: (
+        FloatArray  # −2 log-likelihood up to a constant, chi-square, readings that pull, and variance explained, (4,)
+    )
+
+
+@kernel
+def new_equations(parameters):
+    """Room for the normal equations of so many parameters."""
+    return Equations(np.empty((parameters, parameters)), np.empty(parameters), np.empty(4))
 
 
 @kernel
@@ -53,35 +98,27 @@ def corner_covariance(matrix, normal, scale, corners, joint) -> bool:
 
 
 @kernel
-def descend(columns, rows, data, saturated, extra, noise, sigma_px, lines, cells, matrix, levels) -> bool:
-    """Levenberg–Marquardt on `matrix` (3, 3) and the first two `levels`, in place; False where it diverges."""
-    normal, rhs, step, result = np.empty((EVEN, EVEN)), np.empty(EVEN), np.empty(EVEN), np.empty(4)
+def descend(readings, template, state) -> bool:
+    """Levenberg–Marquardt on the homography and the first two levels of `state`; False where it diverges."""
+    step, here, there = np.empty(EVEN), new_equations(EVEN), new_equations(EVEN)
     damping = 1e-3
-    if not _first_levels(columns, rows, data, saturated, noise, sigma_px, lines, cells, matrix, levels):
+    if not _first_levels(readings, template, state) or state.levels[0] <= 0:
         return False
-    if levels[0] <= 0:
-        return False
-    _accumulate(
-        columns, rows, data, saturated, extra, noise, sigma_px, lines, cells, matrix, levels, normal, rhs, result
-    )
-    trial_matrix, trial_levels = matrix.copy(), levels.copy()
-    trial_normal, trial_rhs, trial = np.empty_like(normal), np.empty_like(rhs), np.empty_like(result)
+    _accumulate(readings, template, state, here)
+    trial = State(state.matrix.copy(), state.levels.copy())
     for _ in range(MAX_ITERATIONS):
-        if not solve_scaled(normal, rhs, damping, step):
+        if not solve_scaled(here.normal, here.rhs, damping, step):
             return False
-        distance = _moved(matrix, levels, step, trial_matrix, trial_levels)
+        distance = _moved(state, step, trial)
         if not distance >= 0:
             return False
-        better = trial_levels[0] > 0
+        better = trial.levels[0] > 0
         if better and distance >= NEAR_PX:
-            _accumulate(
-                columns, rows, data, saturated, extra, noise, sigma_px, lines, cells, trial_matrix, trial_levels,
-                trial_normal, trial_rhs, trial,
-            )  # fmt: skip
-            better = trial[0] <= result[0]
+            _accumulate(readings, template, trial, there)
+            better = there.result[0] <= here.result[0]
         if better:
-            matrix[:], levels[:] = trial_matrix, trial_levels
-            normal[:], rhs[:], result[:] = trial_normal, trial_rhs, trial
+            _copy_state(trial, state)
+            here.normal[:], here.rhs[:], here.result[:] = there.normal, there.rhs, there.result
             damping /= 10
         else:
             damping *= 30
@@ -91,18 +128,17 @@ def descend(columns, rows, data, saturated, extra, noise, sigma_px, lines, cells
 
 
 @kernel
-def last_step(columns, rows, data, saturated, extra, noise, sigma_px, lines, cells, matrix, levels, normal, result):
-    """One Gauss–Newton step on `matrix` (3, 3) and `levels` in place, which from near takes all the readings know.
+def last_step(readings, template, state, equations):
+    """One Gauss–Newton step on `state`, in place. From near the optimum one step takes all that the readings know.
 
-    Leaves information and result (chi-square after the step) as `_accumulate` does. Returns the furthest way of a corner [px],
-    −1 where it diverges; how far chi-square falls; and the count of parameters: with slopes of the levels only where they
-    lower chi-square.
+    Leaves in `equations` what `_accumulate` finds before the step, but the chi-square after it. Returns the furthest way of a
+    corner [px], −1 where the step diverges; how far chi-square falls; and the count of parameters: slopes of the levels are
+    among them only where they lower chi-square.
     """
-    parameters = len(normal)
-    rhs, step, even_step = np.empty(parameters), np.empty(parameters), np.empty(EVEN)
-    _accumulate(
-        columns, rows, data, saturated, extra, noise, sigma_px, lines, cells, matrix, levels, normal, rhs, result
-    )
+    normal, rhs, result = equations
+    levels, parameters = state.levels, len(rhs)
+    step, even_step = np.empty(parameters), np.empty(EVEN)
+    _accumulate(readings, template, state, equations)
     if not solve_scaled(np.ascontiguousarray(normal[:EVEN, :EVEN]), rhs[:EVEN], 0.0, even_step):
         return -1.0, 0.0, EVEN
     count, gain, uneven_gain = EVEN, (even_step * rhs[:EVEN]).sum(), 0.0
@@ -112,41 +148,49 @@ def last_step(columns, rows, data, saturated, extra, noise, sigma_px, lines, cel
         count, gain = parameters, uneven_gain
     else:
         step[:EVEN], step[EVEN:] = even_step, 0.0
-    trial_matrix, trial_levels = matrix.copy(), levels.copy()
-    distance = _moved(matrix, levels, step, trial_matrix, trial_levels)
-    matrix[:], levels[:] = trial_matrix, trial_levels
+    trial = State(state.matrix.copy(), levels.copy())
+    distance = _moved(state, step, trial)
+    _copy_state(trial, state)
     result[1] = max(result[1] - gain, 0.0)
     return distance if levels[0] > 0 else -1.0, gain, count
 
 
 @kernel
-def add_readings(columns, rows, data, saturated, extra, noise, sigma_px, lines, cells, matrix, levels, normal, result):
-    """Add further readings to a fit that has ended: homography, levels, information and result in place.
+def add_readings(readings, template, state, equations):
+    """Add further readings to a fit that has ended: `state` and `equations` change in place.
 
-    The way of the corners [px], −1 where there is no solution.
+    Returns the furthest way of a corner [px], −1 where there is no solution.
     """
-    count = len(normal)
-    added, rhs, step, more = np.empty((count, count)), np.empty(count), np.empty(count), np.empty(4)
-    _accumulate(columns, rows, data, saturated, extra, noise, sigma_px, lines, cells, matrix, levels, added, rhs, more)
-    normal += added
-    if not solve_scaled(normal, rhs, 0.0, step):
+    count = len(equations.rhs)
+    step, more = np.empty(count), new_equations(count)
+    _accumulate(readings, template, state, more)
+    for i in range(count):
+        for j in range(count):
+            equations.normal[i, j] += more.normal[i, j]
+    if not solve_scaled(equations.normal, more.rhs, 0.0, step):
         return -1.0
-    trial_matrix, trial_levels = matrix.copy(), levels.copy()
-    distance = _moved(matrix, levels, step, trial_matrix, trial_levels)
-    matrix[:], levels[:] = trial_matrix, trial_levels
-    result[1] += max(more[1] - (step * rhs).sum(), 0.0)
-    result[2] += more[2]
-    return distance if levels[0] > 0 else -1.0
+    trial = State(state.matrix.copy(), state.levels.copy())
+    distance = _moved(state, step, trial)
+    _copy_state(trial, state)
+    equations.result[1] += max(more.result[1] - (step * more.rhs).sum(), 0.0)
+    equations.result[2] += more.result[2]
+    return distance if state.levels[0] > 0 else -1.0
 
 
 @kernel
-def _moved(matrix, levels, step, trial_matrix, trial_levels) -> float:
-    """Apply a step (n,) to homography and levels; the furthest way of a corner [px], see `_moved_px`."""
+def _copy_state(source, target) -> None:
+    """Copy the parameters of one state into another."""
+    target.matrix[:], target.levels[:] = source.matrix, source.levels
+
+
+@kernel
+def _moved(state, step, trial) -> float:
+    """Apply a step (k,) to `state`, with the result in `trial`. Returns the furthest way of a corner [px], see `_moved_px`."""
     for k in range(8):
-        trial_matrix[k // 3, k % 3] = matrix[k // 3, k % 3] + step[k]
+        trial.matrix[k // 3, k % 3] = state.matrix[k // 3, k % 3] + step[k]
     for k in range(8, len(step)):
-        trial_levels[k - 8] = levels[k - 8] + step[k]
-    return float(_moved_px(matrix, trial_matrix))
+        trial.levels[k - 8] = state.levels[k - 8] + step[k]
+    return float(_moved_px(state.matrix, trial.matrix))
 
 
 @kernel
@@ -166,14 +210,17 @@ def _moved_px(before, after) -> float:
 
 
 @kernel
-def _first_levels(columns, rows, data, saturated, noise, sigma_px, lines, cells, matrix, levels) -> bool:
-    """Amplitude and black level by linear least squares over the readings that are not saturated."""
-    inverse = inverse3(matrix)
-    block = new_block(inverse, lines, sigma_px, columns, rows)
+def _first_levels(readings, template, state) -> bool:
+    """Amplitude and black level of `state` by linear least squares over the readings that are not saturated."""
+    columns, rows, data, saturated, _, noise = readings
+    lines, cells, sigma_px = template
+    levels = state.levels
+    sight = Sight(inverse3(state.matrix), lines, sigma_px)
+    block = new_block(sight, columns, rows)
     n = sv = svv = sd = svd = 0.0
     for start in range(0, len(data), BLOCK):
         seen = min(BLOCK, len(data) - start)
-        see(block, inverse, sigma_px, lines, columns, rows, start, seen)
+        see(block, sight, columns, rows, start, seen)
         shine(block, cells, sigma_px, seen)
         for p in range(seen):
             if not saturated[start + p]:
@@ -190,50 +237,47 @@ def _first_levels(columns, rows, data, saturated, noise, sigma_px, lines, cells,
 
 
 @kernel
-def _accumulate(
-    columns, rows, data, saturated, extra, noise, sigma_px, lines, cells, matrix, levels, normal, rhs, result
-) -> None:
-    """Normal equations of homography and levels, and in `result` minus twice the log-likelihood (up to a constant), chi-square,
-    readings that pull, and the variance that the pattern explains."""
-    count, inverse = len(normal), inverse3(matrix)
-    block = new_block(inverse, lines, sigma_px, columns, rows)
-    slopes, weights, residuals = np.empty((count, BLOCK)), np.empty(BLOCK), np.empty(BLOCK)
+def _accumulate(readings, template, state, equations) -> None:
+    """Fill `equations` with the normal equations of all readings at `state`."""
+    normal, rhs, result = equations
+    lines, cells, sigma_px = template
+    sight = Sight(inverse3(state.matrix), lines, sigma_px)
+    columns, rows, data = readings.columns, readings.rows, readings.data
+    block = new_block(sight, columns, rows)
+    pull = Pull(np.empty((len(rhs), BLOCK)), np.empty(BLOCK), np.empty(BLOCK))
     normal[:], rhs[:], result[:] = 0.0, 0.0, 0.0
     sums = np.zeros(3)
     for start in range(0, len(data), BLOCK):
         used = min(BLOCK, len(data) - start)
-        see(block, inverse, sigma_px, lines, columns, rows, start, used)
+        see(block, sight, columns, rows, start, used)
         shine(block, cells, sigma_px, used)
-        _compare(
-            block,
-            columns,
-            rows,
-            data,
-            saturated,
-            extra,
-            noise,
-            levels,
-            start,
-            used,
-            slopes,
-            weights,
-            residuals,
-            result,
-            sums,
-        )
-        add_products(slopes, weights, residuals, used, normal, rhs)
+        _compare(block, readings, state.levels, (start, used), pull, (result, sums))
+        add_products(pull.slopes, pull.weights, pull.residuals, used, normal, rhs)
     mirror(normal)
     result[0] += result[1]
     if sums[0] > 0:
         result[3] = sums[2] - sums[1] * sums[1] / sums[0]
 
 
+class Pull(NamedTuple):
+    """How each pixel of a block pulls on the parameters."""
+
+    slopes: FloatArray  # derivatives of the model by the parameters, (k, BLOCK)
+    weights: FloatArray  # inverse variances, zero where a censored reading does not pull, (BLOCK,)
+    residuals: FloatArray  # reading less model [DN], (BLOCK,)
+
+
 @wide_kernel
-def _compare(
-    block, columns, rows, data, saturated, extra, noise, levels, start, used, slopes, weights, residuals, result, sums
-) -> None:
-    """Residuals, weights and slopes of a block of pixels; adds to the log-determinant, chi-square and readings that pull in
-    `result`, and to the sums of weight, weighted pattern and its square in `sums`."""
+def _compare(block, readings, levels, part, pull, totals) -> None:
+    """Residuals, weights and slopes of a block of pixels, in `pull`.
+
+    `part`: the block's first reading, and how many. `totals`: two arrays that are added to. The first gets log-determinant,
+    chi-square and readings that pull; the second the sums of weight, of weighted pattern, and of its square.
+    """
+    columns, rows, data, saturated, extra, noise = readings
+    start, used = part
+    slopes, weights, residuals = pull
+    result, sums = totals
     read_variance, gain, offset, limit = noise
     white, black, white_x, white_y, black_x, black_y, white_xx, white_xy, white_yy = levels
     cost = chi2 = active = total = mean = square = 0.0

@@ -7,7 +7,7 @@ levels get a slope along x and along y, and the bright one a curvature.
 
 The ring's outer edge, the outermost that is sharp, is among them: without it corners would scatter 1.6 times as much, and twice
 at 2 px a bit. The outline of the whole marker is not: where the background is a tenth as bright as the tape it would add 5 %
-even if that light were even, and before foil it is neither even nor known (tests/detector/test_corners.py).
+even if that light were even, and before foil it is neither even nor known (tests/detector/pattern/test_corners.py).
 """
 
 from __future__ import annotations
@@ -18,12 +18,25 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from detector.pattern.corner_fit import CURVED, LEVELS, SLOPING, add_readings, corner_covariance, descend, last_step
+from detector.pattern.corner_fit import (
+    CURVED,
+    LEVELS,
+    SLOPING,
+    Equations,
+    Readings,
+    State,
+    Template,
+    add_readings,
+    corner_covariance,
+    descend,
+    last_step,
+)
 from detector.pattern.pattern import (
     CLEARANCE,
     KNOWING_REACH,
     NOWHERE,
     SQUARE,
+    Edges,
     Pattern,
     homography,
     project,
@@ -86,18 +99,6 @@ class PatternFit:
         return float(self.levels_dn[1])
 
 
-@dataclass(frozen=True)
-class Samples:
-    """Pixels to fit: places relative to an origin, readings, and what is known of their noise."""
-
-    columns: FloatArray
-    rows: FloatArray
-    data: FloatArray
-    saturated: NDArray[np.bool_]
-    extra: FloatArray  # variance beyond the noise model's [DN²]
-    noise: FloatArray  # see `noise_numbers`
-
-
 def noise_numbers(noise: NoiseModel) -> FloatArray:
     """Read variance [DN²], gain [DN/e⁻], offset and level of saturation [DN], for the kernels."""
     limit = min(noise.saturated_above_dn, 1e300)
@@ -111,7 +112,7 @@ def gather(image: np.ndarray, columns: NDArray[np.int64], rows: NDArray[np.int64
 
 def sample(
     image: np.ndarray, columns: NDArray[np.int64], rows: NDArray[np.int64], origin: FloatArray, noise: NoiseModel
-) -> Samples:
+) -> Readings:
     """Readings of some pixels (n,), without those that say nothing."""
     if noise.extra_variance_dn2 is None:
         extra = np.zeros(len(columns))
@@ -121,7 +122,7 @@ def sample(
         columns, rows, extra = columns[readable], rows[readable], np.asarray(extra[readable], float)
     data = gather(image, columns, rows)
     saturated = data >= noise.saturated_above_dn
-    return Samples(columns - origin[0], rows - origin[1], data, saturated, extra, noise_numbers(noise))
+    return Readings(columns - origin[0], rows - origin[1], data, saturated, extra, noise_numbers(noise))
 
 
 def fit_pattern(
@@ -132,115 +133,117 @@ def fit_pattern(
     noise: NoiseModel,
     blur_px: float = 0.0,
 ) -> PatternFit | None:
-    """Fit from approximate corners (4, 2); None where it diverges or the pattern leaves the image.
+    """Fit the pattern to an image from approximate corners.
 
     Corners seen through a blur of `blur_px` may be further off than an edge is wide: then a model blurred as much draws
     them in first. Blurring both sides of an edge alike leaves it where it is.
+
+    Args:
+        image: (height, width) [DN].
+        pattern: what is printed.
+        corners_px: approximate corners, (4, 2), the marker's top left first, clockwise [px].
+        sigma_px: standard deviation of point spread and pixel box together [px].
+        noise: of the image.
+        blur_px: blur of the copy that the corners were found in, standard deviation [px].
+
+    Returns:
+        The fit; None where it diverges or the pattern leaves the image.
     """
-    origin = np.round(corners_px.mean(0))
-    matrix = homography(corners_px - origin)
-    levels = np.zeros(len(LEVELS))
+    fitting = _Fitting(image, pattern, sigma_px, noise, np.round(corners_px.mean(0)))
+    state = State(homography(corners_px - fitting.origin), np.zeros(len(LEVELS)))
     blurred = float(np.hypot(sigma_px, blur_px))
     for sigma in (blurred, sigma_px) if blur_px > sigma_px else (sigma_px,):
-        few = _sample_pattern(image, pattern, matrix, origin, sigma_px, noise, DESCENT_PIXELS)
-        if few is None or not descend(*_arguments(few), sigma, pattern.lines, pattern.cells, matrix, levels):
+        few = fitting.readings(state.matrix, DESCENT_PIXELS)
+        if few is None or not descend(few, Template(pattern.lines, pattern.cells, sigma), state):
             return None
-    fit = _last_steps(image, pattern, matrix, levels, origin, sigma_px, noise, SLOPING)
+    fit = _last_steps(fitting, state, SLOPING)
     if fit is None or fit.reduced_chi2 < CURVED_FROM:
         return fit
-    return _last_steps(image, pattern, matrix, levels, origin, sigma_px, noise, CURVED) or fit
+    return _last_steps(fitting, state, CURVED) or fit
 
 
-def _last_steps(
-    image: np.ndarray,
-    pattern: Pattern,
-    matrix: FloatArray,
-    levels: FloatArray,
-    origin: FloatArray,
-    sigma_px: float,
-    noise: NoiseModel,
-    parameters: int,
-) -> PatternFit | None:
-    """The fit's end from near it, on `matrix` and `levels` in place; None where there is none."""
-    normal, result = np.empty((parameters, parameters)), np.empty(4)
-    samples = None
+@dataclass(frozen=True)
+class _Fitting:
+    """What a fit starts from: image, pattern, blur, noise, and the origin (2,) that its homographies are relative to [px]."""
+
+    image: np.ndarray
+    pattern: Pattern
+    sigma_px: float
+    noise: NoiseModel
+    origin: FloatArray
+
+    @property
+    def template(self) -> Template:
+        return Template(self.pattern.lines, self.pattern.cells, self.sigma_px)
+
+    def readings(self, matrix: FloatArray, most: int) -> Readings | None:
+        """Readings of the pixels that know where the edges are, about `most` of them; None where they are too few."""
+        edges = Edges(self.pattern.lines, self.sigma_px, NOWHERE, self.pattern.openings)
+        columns, rows = _edge_pixels(self.image, self.pattern, moved(matrix, self.origin), edges, most)
+        found = sample(self.image, columns, rows, self.origin, self.noise)
+        return found if len(found.data) >= 60 else None
+
+
+def _last_steps(fitting: _Fitting, state: State, parameters: int) -> PatternFit | None:
+    """The fit's end from near it, on `state` in place; None where there is none."""
+    normal, rhs, result = np.empty((parameters, parameters)), np.empty(parameters), np.empty(4)
+    readings = None
     for _ in range(MAX_LAST_STEPS):
         # The same pixels as long as they are near the edges: others would bring other noise, and no end.
-        samples = samples or _sample_pattern(image, pattern, matrix, origin, sigma_px, noise, MAX_PIXELS)
-        if samples is None:
+        readings = readings or fitting.readings(state.matrix, MAX_PIXELS)
+        if readings is None:
             return None
-        moved_px, gain, count = last_step(
-            *_arguments(samples), sigma_px, pattern.lines, pattern.cells, matrix, levels, normal, result
-        )
+        moved_px, gain, count = last_step(readings, fitting.template, state, Equations(normal, rhs, result))
         if not moved_px >= 0:
             return None
         if moved_px < LAST_PX or gain < LAST_CHI2:
-            return _finish(matrix.copy(), levels.copy(), normal[:count, :count].copy(), result, origin)
+            information = normal[:count, :count].copy()
+            return _finish(Descent(fitting.origin, state.matrix.copy(), information, result), state.levels.copy())
         if moved_px > ELSEWHERE_PX:
-            samples = None
+            readings = None
     return None
 
 
-def _arguments(
-    samples: Samples,
-) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.bool_], FloatArray, FloatArray]:
-    return samples.columns, samples.rows, samples.data, samples.saturated, samples.extra, samples.noise
-
-
-def _sample_pattern(
-    image: np.ndarray,
-    pattern: Pattern,
-    matrix: FloatArray,
-    origin: FloatArray,
-    sigma_px: float,
-    noise: NoiseModel,
-    most: int,
-) -> Samples | None:
-    """The pixels that know where the edges are; None where they are too few."""
-    columns, rows = _edge_pixels(image, pattern, moved(matrix, origin), sigma_px, most, NOWHERE, pattern.openings)
-    samples = sample(image, columns, rows, origin, noise)
-    return samples if len(samples.data) >= 60 else None
-
-
 def _edge_pixels(
-    image: np.ndarray,
-    pattern: Pattern,
-    matrix: FloatArray,
-    sigma_px: float,
-    most: int,
-    only: FloatArray,
-    never: FloatArray,
+    image: np.ndarray, pattern: Pattern, matrix: FloatArray, edges: Edges, most: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Pixels near the pattern's edges; see `select_pixels`. They end well inside the marker's outline."""
     height, width = image.shape
     corner = project(matrix, SQUARE[:2] * pattern.outline)
-    room_px = math.dist(*corner) * (1 - pattern.ring / pattern.outline) / 2 - CLEARANCE * sigma_px
-    margin_px = -min(KNOWING_REACH * sigma_px, room_px)
-    columns, rows = select_pixels(
-        matrix, pattern.ring, height, width, margin_px, float(most), pattern.lines, sigma_px, only, never
-    )
+    room_px = math.dist(*corner) * (1 - pattern.ring / pattern.outline) / 2 - CLEARANCE * edges.sigma_px
+    margin_px = -min(KNOWING_REACH * edges.sigma_px, room_px)
+    columns, rows = select_pixels(matrix, pattern.ring, (height, width), margin_px, float(most), edges)
     return columns, rows
 
 
 def refined(
     fit: PatternFit, image: np.ndarray, pattern: Pattern, blobs: FloatArray, sigma_px: float, noise: NoiseModel
 ) -> PatternFit:
-    """The fit with what the pixels beside the elements know of the ring's outer edge, once it is known where they are bright.
+    """A fit with what the pixels beside the elements know of the ring's outer edge, once it is known where they are bright.
 
-    `blobs` (4, 4): rectangles x0, x1, y0, y1 of the plane that blobs may light.
+    Args:
+        fit: what `fit_pattern` found in this image.
+        image: (height, width) [DN].
+        pattern: what is printed.
+        blobs: rectangles x0, x1, y0, y1 of the plane that blobs may light, (k, 4) [plane units].
+        sigma_px: standard deviation of point spread and pixel box together [px].
+        noise: of the image.
+
+    Returns:
+        The better fit; `fit` itself where those pixels say nothing or contradict it.
     """
     start = fit.descent
-    columns, rows = _edge_pixels(image, pattern, fit.matrix, sigma_px, MAX_PIXELS, pattern.openings, blobs)
-    samples = sample(image, columns, rows, start.origin, noise)
-    if not len(samples.data):
+    edges = Edges(pattern.lines, sigma_px, pattern.openings, blobs)
+    columns, rows = _edge_pixels(image, pattern, fit.matrix, edges, MAX_PIXELS)
+    readings = sample(image, columns, rows, start.origin, noise)
+    if not len(readings.data):
         return fit
-    matrix, levels, normal, result = start.matrix.copy(), fit.levels_dn.copy(), start.normal.copy(), start.result.copy()
-    moved_px = add_readings(
-        *_arguments(samples), sigma_px, pattern.lines, pattern.cells, matrix, levels, normal, result
-    )
-    # Far off, the light is none that the pattern explains.
-    found = _finish(matrix, levels, normal, result, start.origin) if 0 <= moved_px < ELSEWHERE_PX else None
-    return found or fit
+    state = State(start.matrix.copy(), fit.levels_dn.copy())
+    equations = Equations(start.normal.copy(), np.zeros(len(start.normal)), start.result.copy())
+    moved_px = add_readings(readings, Template(pattern.lines, pattern.cells, sigma_px), state, equations)
+    if not 0 <= moved_px < ELSEWHERE_PX:  # far off, the light is none that the pattern explains
+        return fit
+    return _finish(Descent(start.origin, state.matrix, equations.normal, equations.result), state.levels) or fit
 
 
 def moved(matrix: FloatArray, origin: FloatArray) -> FloatArray:
@@ -250,18 +253,21 @@ def moved(matrix: FloatArray, origin: FloatArray) -> FloatArray:
     return absolute / absolute[2, 2]
 
 
-def _finish(
-    matrix: FloatArray, levels: FloatArray, normal: FloatArray, result: FloatArray, origin: FloatArray
-) -> PatternFit | None:
-    _, chi2, active, explained = result
-    reduced = float(chi2 / max(active - len(normal), 1))
+def _finish(descent: Descent, levels: FloatArray) -> PatternFit | None:
+    """The fit that a descent ended at, with the covariance of its corners; None where it has none."""
+    _, chi2, active, explained = descent.result
+    reduced = float(chi2 / max(active - len(descent.normal), 1))
     corners, joint = np.empty((4, 2)), np.empty((8, 8))
     misfit = MISFIT_CORRELATION * max(reduced - MISFIT_FROM, 0.0)
-    if not corner_covariance(matrix, normal, max(1.0, reduced) + misfit, corners, joint):
+    if not corner_covariance(descent.matrix, descent.normal, max(1.0, reduced) + misfit, corners, joint):
         return None
-    unexplained = max(chi2 - active, 0.0) / explained if explained > 0 else np.inf
-    descent = Descent(origin, matrix, normal, result)
     return PatternFit(
-        moved(matrix, origin), corners + origin, joint, levels, reduced, float(unexplained),
-        math.sqrt(max(explained, 0.0)), descent,
-    )  # fmt: skip
+        matrix=moved(descent.matrix, descent.origin),
+        corners_px=corners + descent.origin,
+        covariance_px2=joint,
+        levels_dn=levels,
+        reduced_chi2=reduced,
+        unexplained=float(max(chi2 - active, 0.0) / explained if explained > 0 else np.inf),
+        significance=math.sqrt(max(explained, 0.0)),
+        descent=descent,
+    )

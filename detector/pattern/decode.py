@@ -14,7 +14,7 @@ import numpy as np
 
 from detector.compiled import BLOCK, kernel, mirror
 from detector.pattern.corners import moved, sample
-from detector.pattern.pattern import Pattern, homography, inverse3, nearest_pixels, new_block, pixels_of, see
+from detector.pattern.pattern import Pattern, Sight, homography, inverse3, nearest_pixels, new_block, pixels_of, see
 from detector.sensor.noise import NoiseModel
 from radiometry.geometry import FloatArray
 from scenes.marker import MarkerDesign, aruco_dictionary
@@ -69,18 +69,8 @@ class Decoder:
             return None
         size = self.templates.shape[1]
         normal, match = np.zeros((size, size)), np.zeros(size)
-        power, grain = _gather_cells(
-            seen.columns,
-            seen.rows,
-            seen.data,
-            seen.extra,
-            seen.noise,
-            matrix,
-            sigma_px,
-            self.pattern.lines,
-            normal,
-            match,
-        )
+        sight = Sight(inverse3(matrix), self.pattern.lines, sigma_px)
+        power, grain = _gather_cells(seen, sight, normal, match)
         # What noise adds to the variance is no fault of the match; it never is all of it.
         power = max(power - grain, 0.1 * power)
         if power <= 0 or not np.trace(normal) > 0:  # no reading differs from another, or none is of a cell
@@ -112,14 +102,17 @@ class Decoder:
 
 
 @kernel
-def _gather_cells(columns, rows, data, extra, noise, matrix, sigma_px, lines, normal, match) -> tuple[float, float]:
+def _gather_cells(readings, sight, normal, match) -> tuple[float, float]:
     """Products (n, n) of the images of the cells inside the border and of the ring, their means removed, and with the data.
 
     Returns the data's sum of squares about its mean, and the part of it that is noise.
     """
-    inverse, last = inverse3(matrix), len(lines) - 2
-    block = new_block(inverse, lines, sigma_px, columns, rows)
-    size, inner, strips = len(match), len(lines) - 5, len(block.share_x)
+    columns, rows, data, _, extra, noise = readings
+    last = len(sight.lines) - 2
+    block = new_block(sight, columns, rows)
+    first_x, share_x, _ = block.columns
+    first_y, share_y, _ = block.rows
+    size, inner, strips = len(match), len(sight.lines) - 5, len(share_x)
     value, where, total = np.empty(size), np.empty(size, np.int64), np.zeros(size)
     read_variance, gain, offset, limit = noise
     mean = 0.0
@@ -128,16 +121,16 @@ def _gather_cells(columns, rows, data, extra, noise, matrix, sigma_px, lines, no
     power = grain = 0.0
     for start in range(0, len(data), BLOCK):
         used = min(BLOCK, len(data) - start)
-        see(block, inverse, sigma_px, lines, columns, rows, start, used)
+        see(block, sight, columns, rows, start, used)
         for p in range(used):
             reading = min(data[start + p], limit)
             grain += read_variance + gain * max(reading - offset, 0.0) + extra[start + p]
             reading -= mean
             power += reading * reading
             seen, ring = 0, 0.0
-            for i in range(block.first_x[p], min(block.first_x[p] + strips, last + 1)):
-                for j in range(block.first_y[p], min(block.first_y[p] + strips, last + 1)):
-                    part = block.share_x[i - block.first_x[p], p] * block.share_y[j - block.first_y[p], p]
+            for i in range(first_x[p], min(first_x[p] + strips, last + 1)):
+                for j in range(first_y[p], min(first_y[p] + strips, last + 1)):
+                    part = share_x[i - first_x[p], p] * share_y[j - first_y[p], p]
                     if i == 0 or j == 0 or i == last or j == last:
                         ring += part
                     elif 1 < i < last - 1 and 1 < j < last - 1:

@@ -27,7 +27,6 @@ KNOWING_REACH = 1.8
 CLEARANCE = 2.5
 #: No rectangle.
 NOWHERE = np.empty((0, 4))
-_NONE = np.empty(0)
 
 
 def kernel_sigma_px(psf_sigma_px: float) -> float:
@@ -105,6 +104,31 @@ def plane_point(inverse: FloatArray, u: float, v: float) -> tuple[float, float, 
     )
 
 
+class Sight(NamedTuple):
+    """How the camera sees the pattern's grid."""
+
+    inverse: FloatArray  # image -> plane homography, (3, 3)
+    lines: FloatArray  # grid lines of the cells, along x as along y, ascending [plane units], (n + 1,)
+    sigma_px: float  # standard deviation of the blur
+
+
+class Edges(NamedTuple):
+    """Which edges of a pattern a pixel should be near to be selected."""
+
+    lines: FloatArray  # grid lines, along x as along y; empty where every pixel is wanted
+    sigma_px: float  # standard deviation of the blur
+    only: FloatArray  # rectangles x0, x1, y0, y1 of the plane, (k, 4): a pixel's blur must touch one of them; none: anywhere
+    never: FloatArray  # rectangles that a pixel's blur must not touch, (k, 4)
+
+
+class Strips(NamedTuple):
+    """What strips of cells, from the first that the blur reaches on, put into some pixels."""
+
+    first: NDArray[np.int64]  # index of the first strip, (BLOCK,)
+    share: FloatArray  # part of the pixel's blur that lies in each strip, (strips, BLOCK)
+    slope: FloatArray  # derivative of the share by the place of the pixel [1/plane unit], (strips, BLOCK)
+
+
 class Block(NamedTuple):
     """Some pixels seen through an inverse homography, each field (BLOCK,) unless stated."""
 
@@ -115,20 +139,17 @@ class Block(NamedTuple):
     xv: FloatArray
     yu: FloatArray
     yv: FloatArray
-    first_x: NDArray[np.int64]  # first strip of cells that the blur reaches, along x and y
-    first_y: NDArray[np.int64]
-    share_x: FloatArray  # what the first strips put into the pixel, (strips, BLOCK), and the derivatives by x and y
-    slope_x: FloatArray
-    share_y: FloatArray
-    slope_y: FloatArray
+    columns: Strips  # strips of cells along x
+    rows: Strips  # strips of cells along y
     value: FloatArray  # blurred reflectance and its derivatives by x and y
     by_x: FloatArray
     by_y: FloatArray
 
 
 @kernel
-def new_block(inverse, lines, sigma_px, columns, rows):
+def new_block(sight, columns, rows):
     """Room for pixels (n,), with as many strips as the blur reaches in any of them."""
+    inverse, lines, sigma_px = sight
     widest, narrowest = 0.0, np.inf
     for p in range(len(columns)):
         _, _, _, xu, xv, yu, yv = plane_point(inverse, columns[p], rows[p])
@@ -140,14 +161,25 @@ def new_block(inverse, lines, sigma_px, columns, rows):
     shares = np.empty((4, strips, BLOCK))
     reals = np.empty((10, BLOCK))
     return Block(
-        reals[0], reals[1], reals[2], reals[3], reals[4], reals[5], reals[6], np.empty(BLOCK, np.int64),
-        np.empty(BLOCK, np.int64), shares[0], shares[1], shares[2], shares[3], reals[7], reals[8], reals[9],
-    )  # fmt: skip
+        x=reals[0],
+        y=reals[1],
+        w=reals[2],
+        xu=reals[3],
+        xv=reals[4],
+        yu=reals[5],
+        yv=reals[6],
+        columns=Strips(np.empty(BLOCK, np.int64), shares[0], shares[1]),
+        rows=Strips(np.empty(BLOCK, np.int64), shares[2], shares[3]),
+        value=reals[7],
+        by_x=reals[8],
+        by_y=reals[9],
+    )
 
 
 @wide_kernel
-def see(block, inverse, sigma_px, lines, columns, rows, start, used) -> None:
+def see(block, sight, columns, rows, start, used) -> None:
     """Plane points and shares of the strips for `used` pixels from `start` on."""
+    inverse, lines, sigma_px = sight
     scale_x, scale_y = np.empty(BLOCK), np.empty(BLOCK)
     x, y, w, xu, xv, yu, yv = block.x, block.y, block.w, block.xu, block.xv, block.yu, block.yv
     a, b, c, d, e, f, g, h, i = inverse.flat
@@ -159,13 +191,14 @@ def see(block, inverse, sigma_px, lines, columns, rows, start, used) -> None:
         yu[p], yv[p] = (d - y[p] * g) * w[p], (e - y[p] * h) * w[p]
         scale_x[p] = 1 / (sigma_px * math.sqrt(xu[p] * xu[p] + xv[p] * xv[p]))
         scale_y[p] = 1 / (sigma_px * math.sqrt(yu[p] * yu[p] + yv[p] * yv[p]))
-    _share(x, scale_x, lines, used, block.first_x, block.share_x, block.slope_x)
-    _share(y, scale_y, lines, used, block.first_y, block.share_y, block.slope_y)
+    _share(x, scale_x, lines, used, block.columns)
+    _share(y, scale_y, lines, used, block.rows)
 
 
 @wide_kernel
-def _share(place, scale, lines, used, first, share, slope) -> None:
+def _share(place, scale, lines, used, strips) -> None:
     """What strips of cells between neighbouring lines put into pixels at places (n,) blurred by 1/`scale`."""
+    first, share, slope = strips
     count, before, peak_before = len(lines) - 1, np.empty(BLOCK), np.empty(BLOCK)
     # The lines between the ring's are evenly spaced.
     start, per_line = lines[1], 1 / (lines[2] - lines[1])
@@ -184,29 +217,32 @@ def _share(place, scale, lines, used, first, share, slope) -> None:
 @wide_kernel
 def shine(block, cells, sigma_px, used) -> None:
     """Blurred reflectance of the cells (n, n) in `used` pixels, and its derivatives by x and y, from what `see` left."""
-    last, strips = len(cells) - 1, len(block.share_x)
+    first_x, share_x, slope_x = block.columns
+    first_y, share_y, slope_y = block.rows
+    last, strips = len(cells) - 1, len(share_x)
     for p in range(used):
         value = by_x = by_y = by_both = 0.0
         for i in range(strips):
-            strip = cells[min(block.first_x[p] + i, last)]
+            strip = cells[min(first_x[p] + i, last)]
             across = across_slope = 0.0
             for j in range(strips):
-                cell = strip[min(block.first_y[p] + j, last)]
-                across += cell * block.share_y[j, p]
-                across_slope += cell * block.slope_y[j, p]
-            value += block.share_x[i, p] * across
-            by_x += block.slope_x[i, p] * across
-            by_y += block.share_x[i, p] * across_slope
-            by_both += block.slope_x[i, p] * across_slope
+                cell = strip[min(first_y[p] + j, last)]
+                across += cell * share_y[j, p]
+                across_slope += cell * slope_y[j, p]
+            value += share_x[i, p] * across
+            by_x += slope_x[i, p] * across
+            by_y += share_x[i, p] * across_slope
+            by_both += slope_x[i, p] * across_slope
         skew = block.xu[p] * block.yu[p] + block.xv[p] * block.yv[p]
         block.value[p] = value + sigma_px * sigma_px * skew * by_both
         block.by_x[p], block.by_y[p] = by_x, by_y
 
 
 @wide_kernel
-def _know_edges(inverse, row, first, stride, edges, sigma_px, only, never, wanted) -> None:
+def _know_edges(inverse, edges, row, first, stride, wanted) -> None:
     """Which of every `stride`-th pixel of a row from `first` on `select_pixels` wants; without branches, several at a time."""
-    steps, outer = len(edges) - 3.0, edges[len(edges) - 1]
+    lines, sigma_px, only, never = edges
+    steps, outer = len(lines) - 3.0, lines[len(lines) - 1]
     step, per_step = 2 / steps, steps / 2
     knowing, clear = (KNOWING_REACH * sigma_px) ** 2, CLEARANCE / KNOWING_REACH
     count = len(wanted)
@@ -229,20 +265,21 @@ def _know_edges(inverse, row, first, stride, edges, sigma_px, only, never, wante
     if len(only) > 0:
         touched = np.zeros(count, np.bool_)
         for k in range(len(only)):
-            _touch(only[k, 0], only[k, 1], only[k, 2], only[k, 3], x, y, reach_x, reach_y, touched)
+            _touch(only[k], x, y, reach_x, reach_y, touched)
         for p in range(count):
             wanted[p] &= touched[p]
     if len(never) > 0:
         touched = np.zeros(count, np.bool_)
         for k in range(len(never)):
-            _touch(never[k, 0], never[k, 1], never[k, 2], never[k, 3], x, y, reach_x, reach_y, touched)
+            _touch(never[k], x, y, reach_x, reach_y, touched)
         for p in range(count):
             wanted[p] &= not touched[p]
 
 
 @wide_kernel
-def _touch(left, right, bottom, top, x, y, reach_x, reach_y, touched) -> None:
-    """Mark the points (n,) within reach of a rectangle."""
+def _touch(rectangle, x, y, reach_x, reach_y, touched) -> None:
+    """Mark the points (n,) within reach of a rectangle x0, x1, y0, y1."""
+    left, right, bottom, top = rectangle[0], rectangle[1], rectangle[2], rectangle[3]
     for p in range(len(touched)):
         touched[p] |= (
             (x[p] + reach_x[p] > left)
@@ -274,29 +311,33 @@ def _sides(matrix, reach, margin_px):
 def select_pixels(
     matrix: FloatArray,
     reach: float,
-    height: int,
-    width: int,
+    shape: tuple[int, int],
     margin_px: float,
     most: float,
-    edges: FloatArray,
-    sigma_px: float,
-    only: FloatArray,
-    never: FloatArray,
+    edges: Edges,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Columns and rows of the pixels within the plane's square |x|, |y| <= reach, less a margin [px].
+    """Columns and rows of the pixels of an image that lie within a square of the marker's plane.
 
-    With `edges` (n,), a pattern's lines, only those that an edge there, in x or in y, blurs into; of these, where there are
-    rectangles `only` (k, 4), x0, x1, y0, y1, those whose blur touches one, and none that touches one of `never` (k, 4). Of more
-    than `most`, about that many, spread evenly.
+    Args:
+        matrix: plane -> image homography, (3, 3).
+        reach: the square is |x|, |y| <= reach [plane units].
+        shape: rows and columns of the image.
+        margin_px: the square is made smaller by this much on each side [px]; negative makes it larger.
+        most: of more pixels than this, about as many are taken, spread evenly.
+        edges: with lines, only pixels that the blur of one of these lines reaches, and as its rectangles say.
+
+    Returns:
+        Columns (n,) and rows (n,), row by row.
     """
+    height, width = shape
     none = np.empty(0, np.int64)
     sides, area, corners = _sides(matrix, reach, margin_px)
     if not math.isfinite(area):
         return none, none
     grow = max(-margin_px, 0.0)
-    near, share = len(edges) > 0, 1.0
+    near, share = len(edges.lines) > 0, 1.0
     if near:
-        strip = 2 * KNOWING_REACH * sigma_px * len(edges) / math.sqrt(area)
+        strip = 2 * KNOWING_REACH * edges.sigma_px * len(edges.lines) / math.sqrt(area)
         share = 1 - max(1 - strip, 0.0) ** 2
     stride = int(min(area * share / most, 1e6)) + 1
     y0, y1 = max(math.floor(corners[:, 1].min() - grow), 0), min(math.ceil(corners[:, 1].max() + grow), height - 1)
@@ -323,11 +364,15 @@ def select_pixels(
         if length <= 0:
             continue
         if near:
-            _know_edges(inverse, row, first, stride, edges, sigma_px, only, never, wanted[:length])
+            _know_edges(inverse, edges, row, first, stride, wanted[:length])
         for p in range(length):
             columns[count], rows[count] = first + p * stride, row
             count += wanted[p]
     return columns[:count].copy(), rows[:count].copy()
+
+
+#: Every pixel, near an edge or not.
+EVERYWHERE = Edges(np.empty(0), 0.0, NOWHERE, NOWHERE)
 
 
 @kernel
@@ -349,7 +394,7 @@ def pixels_of(
     matrix: FloatArray, reach: float, shape: tuple[int, ...], margin_px: float, most: float
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Columns and rows of the pixels of an image of `shape` within a square of the plane; see `select_pixels`."""
-    columns, rows = select_pixels(matrix, reach, shape[0], shape[1], margin_px, most, _NONE, 0.0, NOWHERE, NOWHERE)
+    columns, rows = select_pixels(matrix, reach, (shape[0], shape[1]), margin_px, most, EVERYWHERE)
     return columns, rows
 
 
@@ -369,11 +414,12 @@ def nearest_pixels(
 
 @kernel
 def _pattern_values(columns, rows, matrix, sigma_px, lines, cells):
-    inverse, value, gradient = inverse3(matrix), np.empty(len(columns)), np.empty((len(columns), 2))
-    block = new_block(inverse, lines, sigma_px, columns, rows)
+    value, gradient = np.empty(len(columns)), np.empty((len(columns), 2))
+    sight = Sight(inverse3(matrix), lines, sigma_px)
+    block = new_block(sight, columns, rows)
     for start in range(0, len(columns), BLOCK):
         used = min(BLOCK, len(columns) - start)
-        see(block, inverse, sigma_px, lines, columns, rows, start, used)
+        see(block, sight, columns, rows, start, used)
         shine(block, cells, sigma_px, used)
         for p in range(used):
             value[start + p] = block.value[p]

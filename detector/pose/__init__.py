@@ -1,1 +1,8 @@
 """Pose, its covariance and its bounds, from corners and blobs."""
+
+__all__ = [
+    "bounds",
+    "joint",
+    "pose",
+    "pose_fit",
+]

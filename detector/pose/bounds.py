@@ -85,12 +85,19 @@ class FineImage:
         x, y, light = at[0], at[1][:, None], self.rate
         flat = _through(ky, light, kx)
         by_x, by_y = _through(ky, light * x, dx), _through(dy, light * y, kx)
-        return np.array([
-            -_through(ky, light, dx), -_through(dy, light, kx), flat - by_x, -_through(ky, light * y, dx),
-            -_through(dy, light * x, kx), flat - by_y,
-            3 * _through(ky, light * x, kx) - _through(ky, light * x**2, dx) - _through(dy, light * (x * y), kx),
-            3 * _through(ky, light * y, kx) - _through(ky, light * (x * y), dx) - _through(dy, light * y**2, kx),
-        ])  # fmt: skip
+        by_xx, by_xy = _through(ky, light * x**2, dx), _through(dy, light * (x * y), kx)
+        by_yx, by_yy = _through(ky, light * (x * y), dx), _through(dy, light * y**2, kx)
+        moved = [
+            -_through(ky, light, dx),
+            -_through(dy, light, kx),
+            flat - by_x,
+            -_through(ky, light * y, dx),
+            -_through(dy, light * x, kx),
+            flat - by_y,
+            3 * _through(ky, light * x, kx) - by_xx - by_xy,
+            3 * _through(ky, light * y, kx) - by_yx - by_yy,
+        ]
+        return np.array(moved)
 
     def _kernels(self, shift_px: tuple[float, float]) -> list[tuple[csr_array, csr_array]]:
         """Kernel and its derivative by the pixel's position for columns and rows, (pixels, sub-pixels) each."""
@@ -125,10 +132,9 @@ def displacement(places_px: FloatArray) -> FloatArray:
     """What each of `MOTIONS` does to points (n, 2) that count from the frame's centre: (n, 2, 8)."""
     x, y = np.asarray(places_px, float).T
     one, none = np.ones_like(x), np.zeros_like(x)
-    return np.stack(
-        [np.stack([one, none, x, y, none, none, x * x, x * y], -1), np.stack([none, one, none, none, x, y, x * y, y * y], -1)],
-        axis=1,
-    )  # fmt: skip
+    by_x = np.stack([one, none, x, y, none, none, x * x, x * y], axis=-1)
+    by_y = np.stack([none, one, none, none, x, y, x * y, y * y], axis=-1)
+    return np.stack([by_x, by_y], axis=1)
 
 
 def information(derivatives: FloatArray, variance: FloatArray) -> FloatArray:
@@ -175,9 +181,12 @@ class Exposure:
 
 
 def corner_bound(
-    fine: FineImage, marker: MarkerDesign, corners_px: FloatArray, exposure: Exposure,
+    fine: FineImage,
+    marker: MarkerDesign,
+    corners_px: FloatArray,
+    exposure: Exposure,
     shift_px: tuple[float, float] = (0.0, 0.0),
-) -> FloatArray:  # fmt: skip
+) -> FloatArray:
     """Bound (8, 8) of the ArUco's corners x0, y0, x1, … [px²] for a pattern that any homography may have imaged.
 
     Used is the whole face of the marker, less a margin. Nuisance: brightness of pattern and background, and of each element's
@@ -202,9 +211,16 @@ def corner_bound(
 
 
 def blob_bound(
-    fine: FineImage, before: FineImage, after: FineImage, step_m: float, marker: MarkerDesign, element: Element,
-    corners_px: FloatArray, exposure: Exposure, shift_px: tuple[float, float] = (0.0, 0.0),
-) -> float:  # fmt: skip
+    fine: FineImage,
+    before: FineImage,
+    after: FineImage,
+    step_m: float,
+    marker: MarkerDesign,
+    element: Element,
+    corners_px: FloatArray,
+    exposure: Exposure,
+    shift_px: tuple[float, float] = (0.0, 0.0),
+) -> float:
     """Bound of the standard deviation of an element's blob along the element [m in the front plane].
 
     Nuisance: brightness of the blob, of the pattern and of what lies outside the marker, and the absorber's level.
@@ -221,10 +237,8 @@ def blob_bound(
     outside = np.abs(plane).max(axis=-1) > marker.size_m / 2
     centre, along, across = (vector[:2] for vector in (element.centre_m, element.along, element.across))
     extent = np.abs(along) * element.length_m / 2 + np.abs(across) * element.width_m / 2
-    place = np.array([
-        [extent[0] / half, 0, (centre + element.shift_m * along)[0] / half],
-        [0, extent[1] / half, (centre + element.shift_m * along)[1] / half], [0, 0, 1],
-    ])  # fmt: skip
+    middle = centre + element.shift_m * along
+    place = np.array([[extent[0] / half, 0, middle[0] / half], [0, extent[1] / half, middle[1] / half], [0, 0, 1]])
     moved = homography(corners + shift_px) @ place
     # One and a half pixels around the opening hold what the kernel spreads out of it.
     used = pixels_within(moved / moved[2, 2], 1.0, fine.shape, -1.5).astype(int)
@@ -274,9 +288,15 @@ class Orbit:
 
 
 def pose_bound(
-    fine: FineImage, orbit: Orbit, marker: MarkerDesign, camera: Camera, translation_m: FloatArray, corners_px: FloatArray,
-    exposure: Exposure, shift_px: tuple[float, float] = (0.0, 0.0),
-) -> FloatArray:  # fmt: skip
+    fine: FineImage,
+    orbit: Orbit,
+    marker: MarkerDesign,
+    camera: Camera,
+    translation_m: FloatArray,
+    corners_px: FloatArray,
+    exposure: Exposure,
+    shift_px: tuple[float, float] = (0.0, 0.0),
+) -> FloatArray:
     """Bound (6, 6) of (ω, δt) [rad, m] as of `detector.pose.pose.Pose.covariance`, from the whole face of the marker.
 
     Moving the marker is the same as turning the camera, which moves the image as a plane, and then seeing the marker from another

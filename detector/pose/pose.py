@@ -111,16 +111,16 @@ def problem_of(found: Sequence[tuple[Features, MarkerDesign, FloatArray]], camer
             if (at := features.blobs_px.get(e.name)) is not None
         ]
     return Problem(
-        np.array([points for points, _ in corners], float).reshape(-1, 4, 3),
-        np.array([image for _, image in corners], float).reshape(-1, 4, 2),
-        np.array(whiten, float).reshape(-1, 8, 8),
-        np.array([at for at, _, _, _ in blobs], float).reshape(-1, 2),
-        np.array([sigma for _, sigma, _, _ in blobs], float),
-        np.array([place for _, _, place, _ in blobs], float).reshape(-1, 3),
-        np.array([e.centre_m for _, _, _, e in blobs], float).reshape(-1, 3),
-        np.array([e.along for _, _, _, e in blobs], float).reshape(-1, 3),
-        np.array([(e.virtual_offset_m, e.virtual_depth_m) for _, _, _, e in blobs], float).reshape(-1, 2),
-        np.array([*camera.focal_px, *camera.principal_point_px]),
+        corners_m=np.array([points for points, _ in corners], float).reshape(-1, 4, 3),
+        corners_px=np.array([image for _, image in corners], float).reshape(-1, 4, 2),
+        whiten=np.array(whiten, float).reshape(-1, 8, 8),
+        blobs_px=np.array([at for at, _, _, _ in blobs], float).reshape(-1, 2),
+        blob_sigma_px=np.array([sigma for _, sigma, _, _ in blobs], float),
+        place_m=np.array([place for _, _, place, _ in blobs], float).reshape(-1, 3),
+        element_m=np.array([e.centre_m for _, _, _, e in blobs], float).reshape(-1, 3),
+        along=np.array([e.along for _, _, _, e in blobs], float).reshape(-1, 3),
+        virtual_m=np.array([(e.virtual_offset_m, e.virtual_depth_m) for _, _, _, e in blobs], float).reshape(-1, 2),
+        lens_px=np.array([*camera.focal_px, *camera.principal_point_px]),
     )
 
 

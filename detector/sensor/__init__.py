@@ -1,1 +1,8 @@
 """The sensor: charge, noise and digital numbers, and what their noise is in an image."""
+
+__all__ = [
+    "emva1288",
+    "noise",
+    "pair",
+    "sensor",
+]

@@ -18,11 +18,11 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 from scipy.special import gammainc, gammaln, ndtr
 
 from radiometry.geometry import FloatArray
+from radiometry.parameters import Fraction
 from radiometry.spectrum import Spectrum, constant
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Fraction = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Float32Array = NDArray[np.float32]
 

@@ -5,9 +5,12 @@ A page asks for generated text by a comment, `<!-- insert: NAME ARGUMENTS -->`, 
 
 from __future__ import annotations
 
+import ast
+import importlib
 import inspect
 import re
 from collections.abc import Callable, Iterator
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 
@@ -21,6 +24,8 @@ _INSERT = re.compile(r"^<!-- insert: (\w+) ?(.*?) -->$", re.MULTILINE)
 _LINK = re.compile(r"\[([^\]]+)\]\(((?:\.\./)*)([\w-]+)\.md\)")
 
 
+#: The packages of the project.
+_PACKAGES = ("radiometry", "materials", "scenes", "detector", "experiments")
 #: Options of every verb, which the page tells once.
 _SHARED = ("out", "seed", "as_json", "quiet", "overrides")
 
@@ -117,16 +122,27 @@ def preset_tables(_: Path) -> str:
 
 
 def python_package(_: Path, package: str) -> str:
-    """Every public module of a package, by autodoc."""
+    """Every public module of a package, by autodoc: those on its own level first, then room by room."""
     folder = Path(str(files(package)))
-    names = sorted(path.stem for path in folder.glob("*.py") if path.stem not in ("__init__", "api"))
-    names += sorted(f"{path.parent.name}.study" for path in folder.glob("*/study.py"))
+    paths = [path.relative_to(folder) for path in sorted(folder.rglob("*.py")) if not path.stem.startswith("__")]
+    names = [".".join(path.with_suffix("").parts) for path in paths if _shown_in_reference(package, path)]
+    names.sort(key=lambda name: (name.count(".") > 0, name))
     # What a module hands on from another is described there alone, so that a reference finds one.
     own = "   :ignore-module-all:\n"
     return "\n".join(
         f"## `{package}.{name}`\n\n```{{eval-rst}}\n.. automodule:: {package}.{name}\n   :members:\n{own}```\n"
         for name in names
     )
+
+
+#: Rooms of `experiments` whose modules the reference lists; of a study it lists what is varied and what is run.
+_ROOMS, _OF_A_STUDY = ("scenario", "chain", "reporting"), ("plan", "study")
+
+
+def _shown_in_reference(package: str, path: Path) -> bool:
+    if package != "experiments":
+        return True
+    return path.parts[0] in _ROOMS or (path.parts[0] in ("studies", "thesis") and path.stem in _OF_A_STUDY)
 
 
 def python_module(_: Path, module: str) -> str:
@@ -147,9 +163,14 @@ def gallery(docs: Path) -> str:
 
 
 _GENERATORS: dict[str, Callable[..., str]] = {
-    "commands": commands, "keys": scenario_keys, "presets": preset_tables, "package": python_package,
-    "module": python_module, "gallery": gallery, "pages": pages,
-}  # fmt: skip
+    "commands": commands,
+    "keys": scenario_keys,
+    "presets": preset_tables,
+    "package": python_package,
+    "module": python_module,
+    "gallery": gallery,
+    "pages": pages,
+}
 
 
 def _cell(text: str) -> str:
@@ -198,13 +219,48 @@ def from_markdown(_app: Sphinx, _what: str, _name: str, _obj: object, _options: 
     lines[:] = re.sub("^@(.+)@$", r"**\1**", "".join(parts), flags=re.MULTILINE).split("\n")
 
 
+#: A type's bare name in a signature, neither part of a dotted name nor a default that is made by a call.
+_TYPE = re.compile(r"(?<![\w.~])[A-Z][a-z]\w*\b(?![.(])")
+
+
 def short_signature(
     _app: Sphinx, what: str, _name: str, obj: object, _options: object, signature: str | None, returns: str | None
 ) -> tuple[str | None, str | None]:
-    """Arrays without their dtype's class; a parameter model without its fields, which the scenario reference lists."""
+    """Arrays without their dtype's class; a parameter model without its fields, which the scenario reference lists.
+
+    A name that only type checkers import reaches Sphinx bare, and several modules may have one like it. So it is led to its own.
+    """
     if what == "class" and isinstance(obj, type) and issubclass(obj, BaseModel):
         return "(**fields)", None
-    return tuple(text and _ARRAY.sub("ndarray", text) for text in (signature, returns))  # type: ignore[return-value]
+    homes = _homes(getattr(obj, "__module__", None) or "")
+
+    def led(match: re.Match[str]) -> str:
+        return f"~{homes[match[0]]}" if match[0] in homes else match[0]
+
+    signature, returns = (text and _TYPE.sub(led, _ARRAY.sub("ndarray", text)) for text in (signature, returns))
+    return signature, returns
+
+
+@cache
+def _homes(module: str) -> dict[str, str]:
+    """Names that a module's annotations use -> their full names where they are described; empty for other people's modules."""
+    if module.split(".")[0] not in _PACKAGES:
+        return {}
+    tree, found = ast.parse(inspect.getsource(importlib.import_module(module))), dict[str, str]()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] in _PACKAGES:
+            for alias in node.names:
+                value = getattr(importlib.import_module(str(node.module)), alias.name, None)
+                home = value.__module__ if inspect.isclass(value) else node.module
+                found[alias.asname or alias.name] = f"{home}.{alias.name}"
+    for statement in tree.body:
+        if isinstance(statement, ast.AnnAssign) and isinstance(statement.target, ast.Name):
+            found[statement.target.id] = f"{module}.{statement.target.id}"
+        elif isinstance(statement, ast.Assign) and isinstance(statement.targets[0], ast.Name):
+            found[statement.targets[0].id] = f"{module}.{statement.targets[0].id}"
+        elif isinstance(statement, ast.ClassDef):
+            found[statement.name] = f"{module}.{statement.name}"
+    return found
 
 
 def skip(_app: Sphinx, _what: str, name: str, _obj: object, skipped: bool, _options: object) -> bool:

@@ -7,10 +7,11 @@ Every study takes these functions from here; each stage can also be run by itsel
 from __future__ import annotations
 
 from detector.sensor.sensor import usable_well_electrons
-from experiments.chain.detection import Detection, detect, pose_errors
+from experiments.chain.case import Case, link_budget, link_budget_beside
+from experiments.chain.detection import DetectedImage, Detection, detect, pose_errors
 from experiments.chain.exposure import expose, frame_generator
 from experiments.chain.illumination import SOURCES, active_sources, responsivity, source_spectra, sun_stray_rate
-from experiments.chain.link_budget import LinkBudget, link_budget, link_budget_beside, solve_exposure
+from experiments.chain.link_budget import Bits, LinkBudget, solve_exposure
 from experiments.chain.provenance import provenance
 from experiments.chain.rate import electron_rate
 from experiments.chain.render_noise import renderer_variance_fraction
@@ -20,27 +21,30 @@ from scenes.projection.bits import bit_pixels, bit_scale_px
 
 __all__ = [
     "SOURCES",
-    "LinkBudget",
+    "Bits",
+    "Case",
+    "DetectedImage",
     "Detection",
+    "LinkBudget",
+    "active_sources",
     "bit_pixels",
     "bit_scale_px",
     "check_geometry",
+    "detect",
     "electron_rate",
-    "solve_exposure",
+    "expose",
     "frame_generator",
     "geometry_digest",
-    "active_sources",
     "link_budget",
     "link_budget_beside",
-    "detect",
     "pose_errors",
     "provenance",
     "quality",
     "renderer_variance_fraction",
     "responsivity",
+    "solve_exposure",
     "source_spectra",
     "sun_stray_rate",
-    "expose",
     "transport",
     "transports",
     "usable_well_electrons",

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from experiments.chain.link_budget import LinkBudget, link_budget, solve_exposure
+from experiments.chain.case import Case
+from experiments.chain.link_budget import LinkBudget, solve_exposure
 from experiments.chain.provenance import provenance
-from experiments.scenario import Scenario, keys
+from experiments.scenario import KeyValue, Scenario, keys
 from radiometry import closure
 
 #: Variable -> unit and long name.
@@ -31,7 +32,7 @@ VARIABLES: dict[str, tuple[str, str]] = {
 _JUDGED = {"saturation": "full_well_fraction", "cnr": "cnr", "sampling": "px_per_bit", "smear": "smear_px"}
 
 
-def closed_form(scenario: Scenario, axes: Mapping[str, Iterable[Any]] | None = None) -> xr.Dataset:
+def closed_form(scenario: Scenario, axes: Mapping[str, Iterable[KeyValue]] | None = None) -> xr.Dataset:
     """Signal, noise ratios, saturation, sampling, smear and the criterion that binds, over all combinations of some keys.
 
     Args:
@@ -51,14 +52,14 @@ def closed_form(scenario: Scenario, axes: Mapping[str, Iterable[Any]] | None = N
     values = {keys.find(key).dotted: list(v) for key, v in axes.items()}
     # The exposure multiplies rates that hold for all: it is walked through inside, whatever its place among the axes.
     outer = [key for key in values if key != "exposure_s"]
-    exposures = values.get("exposure_s", [scenario.exposure_s])
+    exposures: list[KeyValue] = values.get("exposure_s", [scenario.exposure_s])
     inner = ["exposure_s"] if "exposure_s" in values else []
     shape = [len(values[key]) for key in (*outer, *inner)]
     cases = []
     for combination in itertools.product(*(values[key] for key in outer)):
         here = scenario.with_values(dict(zip(outer, combination, strict=True)))
-        budget = link_budget(here, here.illumination)
-        cases += [_case(here, budget, exposure) for exposure in exposures]
+        budget = Case.of(here).link_budget
+        cases += [_case(here.with_values({"exposure_s": exposure}), budget) for exposure in exposures]
     data = {
         name: (
             (*outer, *inner),
@@ -73,17 +74,17 @@ def closed_form(scenario: Scenario, axes: Mapping[str, Iterable[Any]] | None = N
     return dataset.assign_attrs(provenance(scenario)).transpose(*values)
 
 
-def _case(scenario: Scenario, budget: LinkBudget, exposure: float | str) -> dict[str, Any]:
+def _case(scenario: Scenario, budget: LinkBudget) -> dict[str, Any]:
     if np.isnan(budget.signal_rate):
         return {**dict.fromkeys(VARIABLES, np.nan), "px_per_bit": budget.px_per_bit, "binds": "frame"}
-    seconds = solve_exposure(scenario, budget, exposure)
+    seconds = solve_exposure(scenario, budget, scenario.exposure_s)
     found = {**budget.at(seconds), "seconds": seconds, "px_per_bit": budget.px_per_bit}
     verdicts = closure.judge(scenario.requirement, {name: found[variable] for name, variable in _JUDGED.items()})
     worst = min(verdicts, key=lambda verdict: verdict.margin)
     return {**found, "margin": worst.margin, "binds": worst.name}
 
 
-def _coordinate(key: str, values: list[Any]) -> tuple[str, list[Any], dict[str, str]]:
+def _coordinate(key: str, values: list[KeyValue]) -> tuple[str, list[Any], dict[str, str]]:
     told = keys.find(key)
     labels = [str(v) for v in values] if any(isinstance(v, (str, list, tuple)) for v in values) else values
     attributes = {"long_name": told.name.removesuffix("_m").replace("_", " ")}

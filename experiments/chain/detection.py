@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,10 +16,25 @@ from experiments.scenario import Scenario
 from radiometry.geometry import rotation_angle
 
 
+@dataclass(frozen=True)
+class DetectedImage(Detection):
+    """A detection with the image that it was made in, so that it can be shown as a picture.
+
+    Attributes:
+        image: (height, width) as it was given to the detector.
+        scenario: says which camera and which marker.
+    """
+
+    image: NDArray[Any]
+    scenario: Scenario
+
+
 def detect(scenario: Scenario, image: NDArray[Any], off: NDArray[Any] | None = None) -> Detection:
-    """Find the scenario's marker in an image (height, width) and solve its pose.
+    """Find the scenario's marker in an image and solve its pose.
 
     Args:
+        scenario: says which camera, sensor, LED ring and marker.
+        image: (height, width) digital numbers or electrons, of any bit depth.
         off: a frame without the LEDs, taken as the image was: it is subtracted, and the noise of both counts.
 
     Raises:

@@ -91,12 +91,15 @@ class ProcessExecutor:
         self._count, self._pool = count, _process_pool(count, renders=True)
 
     def width(self) -> int:
+        """Tasks that run at a time, as `Executor.width`."""
         return self._count
 
     def submit(self, function: Callable[..., Result], *arguments: object) -> Future[Result]:
+        """Run a function, importable by name, in one of the workers."""
         return self._pool.submit(function, *arguments)
 
     def recover(self) -> None:
+        """Start a new set of processes."""
         self._pool.shutdown(wait=False)
         self._pool = _process_pool(self._count, renders=True)
 
@@ -134,12 +137,14 @@ class ClusterExecutor:
         self._pool = self._client.get_executor(pure=False)
 
     def width(self) -> int:
+        """Tasks that run at a time, as `Executor.width`."""
         try:
             return max(1, sum(self._client.nthreads().values()))
         except OSError as error:
             raise RuntimeError(GONE) from error
 
     def submit(self, function: Callable[..., Result], *arguments: object) -> Future[Result]:
+        """Run a function, importable by name, in one of the workers."""
         return self._pool.submit(function, *arguments)
 
     def recover(self) -> None:

@@ -23,8 +23,12 @@ def active_sources(scenario: Scenario, illumination: str) -> tuple[str, ...]:
 
 
 def source_spectra(scenario: Scenario) -> dict[str, Spectrum]:
-    """Spectral strength of each light: the ring's intensity [W sr⁻¹ nm⁻¹], the Sun's irradiance [W m⁻² nm⁻¹], the Earth's
-    radiance [W m⁻² sr⁻¹ nm⁻¹] where there is one."""
+    """Spectral strength of each light.
+
+    Returns:
+        The LED ring's intensity [W sr⁻¹ nm⁻¹], the Sun's irradiance [W m⁻² nm⁻¹] and, where there is one, the Earth's
+        radiance [W m⁻² sr⁻¹ nm⁻¹].
+    """
     earth = {} if scenario.earth is None else {"earth": scenario.earth.radiance(scenario.sun)}
     return {"led": scenario.leds.spectral_intensity(), "sun": scenario.sun.irradiance(), **earth}
 

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from detector.sensor.sensor import Sensor, usable_well_electrons
-from experiments.chain.illumination import SOURCES, active_sources, responsivity, source_spectra, sun_stray_rate
-from experiments.chain.view import view
+from experiments.chain.illumination import active_sources, sun_stray_rate
 from experiments.scenario import Scenario
 from materials import library
 from radiometry import link, stray
 from radiometry.earth import earth_transport
 from radiometry.geometry import FloatArray
+from radiometry.spectrum import Spectrum
 from scenes.projection.bits import bit_pixels, bit_scale_px
 from scenes.projection.frame_light import mean_frame_rate
 from scenes.projection.visible import hidden_face, visible_tape
@@ -55,97 +58,164 @@ class LinkBudget:
         }
 
 
-def link_budget(scenario: Scenario, illumination: str, mean_rate: float | None = None) -> LinkBudget:
-    """The closed-form budget of the scenario's range in an illumination.
+@dataclass(frozen=True)
+class Bits:
+    """Some bits of a marker: their centres on the marker's plane (n, 3) [m], and the pixels (rows, columns) that see each."""
 
-    Args:
-        mean_rate: electrons per second and pixel of the whole imaged frame, without stray light from outside it, for veiling
-            glare to spread; absent, the closed form's own estimate (`frame_light`).
+    centres_m: FloatArray
+    pixels: list[tuple[NDArray[np.intp], NDArray[np.intp]]]
+
+    @classmethod
+    def of(cls, view: View, centres_m: FloatArray) -> Bits:
+        """The bits of given centres in a view."""
+        return cls(centres_m, bit_pixels(view, centres_m))
+
+    @property
+    def index(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Rows and columns of all pixels."""
+        return np.concatenate([rows for rows, _ in self.pixels]), np.concatenate(
+            [columns for _, columns in self.pixels]
+        )
+
+    def mean(self, image: FloatArray) -> float:
+        """Mean over bits of the mean over each bit's pixels; NaN where none is in the frame."""
+        seen = [image[places].mean() for places in self.pixels if len(places[0])]
+        return float(np.mean(seen)) if seen else np.nan
+
+
+@dataclass(frozen=True)
+class FaceRates:
+    """Electron rates of points on the target's face in closed form, by material and source.
+
+    Attributes:
+        view: where the face is seen from.
+        response: electron rate per spectral radiance of camera, filter and sensor.
+        spectra: spectral strength of each source, by its name.
     """
-    scene_view, marker, target = view(scenario), scenario.marker, scenario.target
-    response, strength = responsivity(scenario), source_spectra(scenario)
-    wavelength = link.band_grid(response)
-    viewer = scene_view.to_marker(np.zeros(3))
-    leds = scene_view.to_marker(scenario.leds.positions_m())
-    falloff, sources = scenario.camera.relative_illumination(), active_sources(scenario, illumination)
 
-    def rate(points_m: FloatArray, material: str, lights: tuple[str, ...]) -> FloatArray:
+    view: View
+    response: Spectrum
+    spectra: Mapping[str, Spectrum]
+
+    @cached_property
+    def _wavelength_nm(self) -> FloatArray:
+        return link.band_grid(self.response)
+
+    @cached_property
+    def _viewer_m(self) -> FloatArray:
+        return self.view.to_marker(np.zeros(3))
+
+    @cached_property
+    def _leds_m(self) -> FloatArray:
+        return self.view.to_marker(self.view.leds.positions_m())
+
+    @cached_property
+    def _falloff(self) -> FloatArray:
+        return self.view.camera.relative_illumination()
+
+    def rate(self, points_m: FloatArray, material: str, sources: Iterable[str]) -> FloatArray:
+        """Electrons per second (n,) of pixels that see points (n, 3) of a material, by the light of some sources."""
         brdf, total = library.load(material).brdf, np.zeros(len(points_m))
-        for source in lights:
-            if source == "sun":
-                transport = link.sun_transport(points_m, viewer, scene_view.sun_in_marker, brdf, wavelength)
-            elif source == "earth":
-                transport = _earth_transport(scene_view, brdf, wavelength)
-            else:
-                axis = scene_view.rotation[2]
-                transport = link.ring_transport(points_m, viewer, leds, axis, scenario.leds, brdf, wavelength)
-            total += link.electron_rate(transport, wavelength, strength[source], response)
-        column, row = np.rint(scene_view.to_image(points_m)).astype(int).T
-        return total * falloff[row.clip(0, falloff.shape[0] - 1), column.clip(0, falloff.shape[1] - 1)]
+        for source in sources:
+            transport = self._transport(points_m, brdf, source)
+            total += link.electron_rate(transport, self._wavelength_nm, self.spectra[source], self.response)
+        column, row = np.rint(self.view.to_image(points_m)).astype(int).T
+        height, width = self._falloff.shape
+        return total * self._falloff[row.clip(0, height - 1), column.clip(0, width - 1)]
 
-    tape, outlines = visible_tape(scene_view), hidden_face(scene_view)
+    def _transport(self, points_m: FloatArray, brdf: link.Brdf, source: str) -> FloatArray:
+        """Radiance per unit source strength, by point and wavelength."""
+        view = self.view
+        if source == "sun":
+            return link.sun_transport(points_m, self._viewer_m, view.sun_in_marker, brdf, self._wavelength_nm)
+        if source == "led":
+            return link.ring_transport(
+                points_m,
+                self._viewer_m,
+                self._leds_m,
+                axis=view.rotation[2],
+                ring=view.leds,
+                brdf=brdf,
+                wavelength_nm=self._wavelength_nm,
+            )
+        # The Earth's disc is so far, and so wide, that the marker's centre stands for all points.
+        assert view.earth is not None
+        towards, radius = view.earth_in_marker, view.earth.angular_radius_rad
+        out = self._viewer_m / np.linalg.norm(self._viewer_m)
+        return earth_transport(out, towards, radius, brdf, self._wavelength_nm)
 
-    def mean_over_bits(centres_m: FloatArray) -> tuple[float, float]:
-        pixels = [np.column_stack(p[::-1]) for p in bit_pixels(scene_view, centres_m)]
-        seen = np.array([len(p) > 0 for p in pixels])
+    def bit_level(self, bits: Bits, sources: Sequence[str]) -> tuple[float, float]:
+        """Mean electron rate of some bits' pixels, and the share of their light that comes from tape; NaN where none is seen."""
+        target = self.view.target
+        seen = np.array([len(rows) > 0 for rows, _ in bits.pixels])
         if not seen.any():
             return np.nan, np.nan
-        ends = np.cumsum([len(p) for p in pixels])[:-1]
-
-        def share(polygons_px: FloatArray, parts: FloatArray) -> FloatArray:  # mean over each bit's pixels
-            pixel_share = link.reflective_fill(
-                np.concatenate(pixels), polygons_px, scene_view.camera.psf_sigma_px, parts
-            )
-            return np.array([part.mean() for part in np.split(pixel_share, ends) if len(part)])
-
-        fill, centres = share(*tape), centres_m[seen]
-        level = fill * rate(centres, target.tape_material, sources)
+        polygons, shares = self._visible_tape
+        fill, centres = self._share(bits, polygons, shares), bits.centres_m[seen]
+        level = fill * self.rate(centres, target.tape_material, sources)
         for source in sources:
-            hidden = share(outlines["sun" if source == "sun" else "led"][None], np.ones(1))
-            level += (hidden - fill) * rate(centres, target.absorber_material, (source,))
-            level += (1 - hidden) * rate(centres, target.face_material, (source,))
+            hidden = self._share(bits, self._hidden_face["sun" if source == "sun" else "led"][None], np.ones(1))
+            level += (hidden - fill) * self.rate(centres, target.absorber_material, (source,))
+            level += (1 - hidden) * self.rate(centres, target.face_material, (source,))
         return float(np.mean(level)), float(np.mean(fill))
 
-    white, black = marker.white_bit_centres_m(), marker.black_bit_centres_m()
-    (signal, fill), (background, _) = mean_over_bits(white), mean_over_bits(black)
-    camera = scenario.camera
+    @cached_property
+    def _visible_tape(self) -> tuple[FloatArray, FloatArray]:
+        return visible_tape(self.view)
+
+    @cached_property
+    def _hidden_face(self) -> dict[str, FloatArray]:
+        return hidden_face(self.view)
+
+    def _share(self, bits: Bits, polygons_px: FloatArray, shares: FloatArray) -> FloatArray:
+        """Mean over each seen bit's pixels of the share of their light that comes from inside polygons."""
+        pixels = [np.column_stack(places[::-1]) for places in bits.pixels]
+        ends = np.cumsum([len(places) for places in pixels])[:-1]
+        share = link.reflective_fill(np.concatenate(pixels), polygons_px, self.view.camera.psf_sigma_px, shares)
+        return np.array([part.mean() for part in np.split(share, ends) if len(part)])
+
+
+def solve_link_budget(
+    scenario: Scenario,
+    faces: FaceRates,
+    bright: Bits,
+    dark: Bits,
+    illumination: str,
+    *,
+    mean_rate: float | None = None,
+) -> LinkBudget:
+    """The closed-form budget of a scenario in an illumination, from its prepared parts (see `experiments.chain.case.Case`).
+
+    Args:
+        scenario: camera, target and sensor.
+        faces: electron rates of points on the face.
+        bright: the reflective bits.
+        dark: the absorbing cells beside them.
+        illumination: 'eclipse' or 'sunlit'.
+        mean_rate: electrons per second and pixel of the whole imaged frame, without stray light from outside it, for veiling
+            glare to spread; absent, the closed form's own estimate (`scenes.projection.frame_light`).
+    """
+    view, camera, tape = faces.view, scenario.camera, scenario.target.tape_material
+    sources = active_sources(scenario, illumination)
+    (signal, fill), (background, _) = faces.bit_level(bright, sources), faces.bit_level(dark, sources)
     if camera.veiling_glare > 0:
         if mean_rate is None:
-            mean_rate = mean_frame_rate(scene_view, lambda points, material: rate(points, material, sources))
-        signal, background = (float(stray.veiled(v, camera.veiling_glare, mean_rate)) for v in (signal, background))
+            mean_rate = mean_frame_rate(view, lambda points, material: faces.rate(points, material, sources))
+        signal, background = (
+            float(stray.add_veiling_glare(v, camera.veiling_glare, mean_rate)) for v in (signal, background)
+        )
     if illumination == "sunlit" and camera.point_source_transmittance:
         signal, background = (v + sun_stray_rate(scenario) for v in (signal, background))
-    speed = scenario.target.tumble_speed_m_s
+    speed_m_s = scenario.target.tumble_speed_m_s
     return LinkBudget(
-        scenario.sensor,
-        signal,
-        background,
-        float(np.mean(rate(white, target.tape_material, sources))),
-        float(marker.bit_m * min(bit_scale_px(scene_view))),
-        float(link.smear_px(scenario.camera, scenario.range_m, speed, 1.0)),
-        fill,
+        sensor=scenario.sensor,
+        signal_rate=signal,
+        background_rate=background,
+        tape_rate=float(np.mean(faces.rate(bright.centres_m, tape, sources))),
+        px_per_bit=float(scenario.marker.bit_m * min(bit_scale_px(view))),
+        smear_px_per_s=float(link.smear_px(camera, scenario.range_m, speed_m_s, 1.0)),
+        fill=fill,
     )
-
-
-def _earth_transport(scene_view: View, brdf: link.Brdf, wavelength_nm: FloatArray) -> FloatArray:
-    """Earth's light in the closed form: the disc is so far, and so wide, that the marker's centre stands for all of it."""
-    assert scene_view.earth is not None
-    viewer = scene_view.to_marker(np.zeros(3))
-    return earth_transport(
-        viewer / np.linalg.norm(viewer),
-        scene_view.earth_in_marker,
-        scene_view.earth.angular_radius_rad,
-        brdf,
-        wavelength_nm,
-    )
-
-
-def link_budget_beside(scenario: Scenario, illumination: str, rate: FloatArray) -> LinkBudget:
-    """The closed-form budget, with the veil that a rendered frame's own mean rate (height, width) spreads."""
-    if scenario.camera.veiling_glare == 0:
-        return link_budget(scenario, illumination)
-    stray_rate = sun_stray_rate(scenario) if "sunlit" in SOURCES[illumination] else 0.0
-    return link_budget(scenario, illumination, float(rate.mean()) - stray_rate)
 
 
 def solve_exposure(scenario: Scenario, budget: LinkBudget, exposure: float | str) -> float:

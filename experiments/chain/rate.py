@@ -44,7 +44,7 @@ def electron_rate(scenario: Scenario, basis: TransportBasis, illumination: str) 
     # The weights of the outer nodes can be negative, so a black pixel may come out at minus a rounding error.
     rate = np.maximum(rate, 0.0) * camera.relative_illumination()
     if camera.veiling_glare > 0:
-        rate = stray.veiled(rate, camera.veiling_glare)
+        rate = stray.add_veiling_glare(rate, camera.veiling_glare)
     return rate + sun_stray_rate(scenario) if illumination == "sunlit" and camera.point_source_transmittance else rate
 
 

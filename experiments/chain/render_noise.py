@@ -22,10 +22,14 @@ def renderer_variance_fraction(
     """Largest share of the renderer's variance in shot noise's, over the ArUco's and the elements' pixels, in an exposure.
 
     A pixel that would overflow counts in the exposure that just fills it. The renderer's variance is that of two independent
-    halves of the rays, averaged over 5 × 5 pixels (`scenes.render.density.fractions`). NaN where the basis does not tell it, or no such
-    pixel is in the frame.
+    halves of the rays, averaged over 5 × 5 pixels (`scenes.render.density.variance_fractions`). It is NaN where the basis
+    does not tell it, or where no such pixel is in the frame.
 
     Args:
+        scenario: of which the basis is.
+        basis: with the renderer's own noise.
+        illumination: 'eclipse' or 'sunlit'.
+        seconds: exposure [s].
         rate: `electron_rate` of the same, where it is known.
     """
     if any(source not in basis.noise for source in active_sources(scenario, illumination)):
@@ -45,4 +49,4 @@ def renderer_variance_fraction(
         draw += basis.noise[source][part] * float(np.sum(node_weights(strength[source] * response, basis.nodes_nm)))
     electrons = (electron_rate(scenario, basis, illumination) if rate is None else rate)[part] * seconds
     fill = np.minimum(1.0, usable_well_electrons(scenario.sensor) / np.maximum(electrons, 1e-12))
-    return float(density.fractions(draw * falloff * fill, electrons * fill, pixels)[pixels].max())
+    return float(density.variance_fractions(draw * falloff * fill, electrons * fill, pixels)[pixels].max())

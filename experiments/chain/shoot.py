@@ -8,12 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from detector.detect import Detection
+from experiments.chain.case import Case
 from experiments.chain.detection import detect, pose_errors
 from experiments.chain.exposure import expose
-from experiments.chain.link_budget import link_budget_beside, solve_exposure
 from experiments.chain.rate import electron_rate
 from experiments.chain.transport import quality
-from experiments.chain.view import view
 from experiments.scenario import Scenario
 
 
@@ -37,17 +36,18 @@ class Exposure:
 
 
 def shoot(scenario: Scenario, trial: int = 0) -> Exposure:
-    """Render, expose and detect: the chain of `mantis render`, `expose` and `detect`, with transport from the cache if it is there.
+    """Render, expose and detect, as `mantis render`, `expose` and `detect` do; rendered transport is kept in the cache.
 
     Args:
-        scenario: its range, light, exposure and seed say which frame.
+        scenario: its range, illumination, exposure and seed say which frame.
         trial: which noise draw of the seed.
     """
     from scenes.files.cache import TransportCache, default_folder
 
-    basis = TransportCache(default_folder()).basis(view(scenario), quality(scenario))
+    case = Case.of(scenario)
+    basis = TransportCache(default_folder()).basis(case.view, quality(scenario))
     rate = electron_rate(scenario, basis, scenario.illumination)
-    seconds = solve_exposure(scenario, link_budget_beside(scenario, scenario.illumination, rate), scenario.exposure_s)
+    seconds = case.exposure_s(scenario.exposure_s, rate)
     frame = expose(scenario, rate, scenario.illumination, seconds, trial).dn
     seen = detect(scenario, frame)
     return Exposure(scenario, frame, seconds, seen, *pose_errors(scenario, seen.pose))

@@ -16,7 +16,8 @@ from experiments.chain.view import view
 from experiments.scenario import Scenario
 from materials import library
 from scenes.files.cache import TransportCache
-from scenes.render.transport import AFTER_TRANSPORT, Quality, TransportBasis, View, render_cases
+from scenes.render.transport import AFTER_TRANSPORT, Quality, TransportBasis, render_cases
+from scenes.view import View
 
 
 def quality(scenario: Scenario) -> Quality:
@@ -75,6 +76,7 @@ def transports(scenarios: Iterable[Scenario], cache: TransportCache | None = Non
     as they are needed. Each basis is the same as if it had been rendered alone.
 
     Args:
+        scenarios: of each, the geometry is rendered.
         cache: where bases are looked for first and kept; default none.
     """
     taken: deque[Scenario] = deque()

@@ -14,19 +14,15 @@ from numpy.typing import NDArray
 
 from detector.features import Features
 from detector.sensor.sensor import Sensor, usable_well_electrons
+from experiments.chain.case import Case
 from experiments.chain.detection import detect, pose_errors
 from experiments.chain.exposure import expose
 from experiments.chain.link_budget import LinkBudget
 from experiments.chain.statistics import percentile
-from experiments.chain.view import view
-from experiments.scenario import Scenario
 from radiometry.geometry import FloatArray
-from scenes.projection.bits import bit_pixels
 
 #: Rows and columns of some pixels.
 Pixels = tuple[NDArray[np.intp], NDArray[np.intp]]
-#: Pixels of each bit.
-BitPixels = list[Pixels]
 
 #: What is known of a case: unit and long name.
 VARIABLES: dict[str, tuple[str, str]] = {
@@ -59,8 +55,8 @@ class Trials:
     Attributes:
         values: statistics over the draws, by the names of `VARIABLES`.
         detected, attitude_error_deg, range_error: of each draw; errors are NaN without a pose.
-        pose_covariance: mean of what the solver states, (6, 6) of (ω, δt) as `detector.pose.pose.Pose.covariance` [rad, m]; NaN where
-            no draw gave a pose.
+        pose_covariance: mean of what the solver states, (6, 6) of (ω, δt) [rad, m], as `Pose.covariance` of
+            `detector.pose.pose`; NaN where no draw gave a pose.
         reason: what most draws miss and why, and in how many of them something is missing; empty where nothing is.
         frame, features: of the first draw.
     """
@@ -75,13 +71,17 @@ class Trials:
     features: Features
 
 
-def known_values(
-    scenario: Scenario, illumination: str, budget: LinkBudget, rate: FloatArray, seconds: list[float]
-) -> dict[str, list[float]]:
-    """Per exposure, what needs no noise: the closed form and the rendered expectation."""
-    scene_view, marker = view(scenario), scenario.marker
-    signal_rate = _mean_over_bits(rate, bit_pixels(scene_view, marker.white_bit_centres_m()))
-    background_rate = _mean_over_bits(rate, bit_pixels(scene_view, marker.black_bit_centres_m()))
+def known_values(case: Case, budget: LinkBudget, rate: FloatArray, seconds: list[float]) -> dict[str, list[float]]:
+    """Per exposure, what needs no noise: closed form, and the rendered expectation.
+
+    Args:
+        case: a scenario in an illumination.
+        budget: of the case, with the veil of the frame where it has one (`Case.link_budget_beside`).
+        rate: electron rate of every pixel (height, width) [e-/s].
+        seconds: exposures.
+    """
+    signal_rate, background_rate = case.bright.mean(rate), case.dark.mean(rate)
+    well = usable_well_electrons(case.scenario.sensor)
     values: dict[str, list[float]] = {name: [] for name in VARIABLES}
     for t in seconds:
         analytic = budget.at(t)
@@ -90,41 +90,30 @@ def known_values(
             values[f"{name}_analytic"].append(analytic[name])
         values["signal_expected"].append(signal_rate * t)
         values["background_expected"].append(background_rate * t)
-        values["full_well_fraction"].append(
-            (signal_rate * t + analytic["dark"]) / usable_well_electrons(scenario.sensor)
-        )
+        values["full_well_fraction"].append((signal_rate * t + analytic["dark"]) / well)
         values["smear_px"].append(analytic["smear_px"])
     return {name: v for name, v in values.items() if v}
 
 
-def _mean_over_bits(image: FloatArray, pixels: BitPixels) -> float:
-    """Mean over bits of the mean over each bit's pixels; NaN where none is in the frame."""
-    seen = [image[p].mean() for p in pixels if len(p[0])]
-    return float(np.mean(seen)) if seen else np.nan
-
-
-def draw(scenario: Scenario, rate: FloatArray, illumination: str, seconds: list[float]) -> list[Trials]:
+def draw(case: Case, rate: FloatArray, seconds: list[float]) -> list[Trials]:
     """Noise draws of every exposure: statistics of the bits, detection and pose."""
-    return list(draws(scenario, rate, illumination, seconds))
+    return list(draws(case, rate, seconds))
 
 
-def draws(scenario: Scenario, rate: FloatArray, illumination: str, seconds: list[float]) -> Iterator[Trials]:
+def draws(case: Case, rate: FloatArray, seconds: list[float]) -> Iterator[Trials]:
     """`draw`, one exposure after the other as they are asked for."""
-    scene_view, marker = view(scenario), scenario.marker
-    white = bit_pixels(scene_view, marker.white_bit_centres_m())
-    black = bit_pixels(scene_view, marker.black_bit_centres_m())
+    bright, dark = case.bright.index, case.dark.index
     for t in seconds:
-        yield _draw_exposure(scenario, rate, illumination, t, _index(white), _index(black))
+        yield _draw_exposure(case, rate, t, bright, dark)
 
 
-def _draw_exposure(
-    scenario: Scenario, rate: FloatArray, illumination: str, seconds: float, bright: Pixels, dark: Pixels
-) -> Trials:
-    sensor, trials = scenario.sensor, scenario.budget.trials
+def _draw_exposure(case: Case, rate: FloatArray, seconds: float, bright: Pixels, dark: Pixels) -> Trials:
+    scenario, sensor = case.scenario, case.scenario.sensor
+    trials = scenario.budget.trials
     signal, background = np.empty((trials, len(bright[0]))), np.empty((trials, len(dark[0])))
     detections, first = [], None
     for trial in range(trials):
-        frame = expose(scenario, rate, illumination, seconds, trial).dn
+        frame = expose(scenario, rate, case.illumination, seconds, trial).dn
         first = frame if first is None else first
         signal[trial], background[trial] = _electrons(sensor, frame[bright]), _electrons(sensor, frame[dark])
         detections.append(detect(scenario, frame))
@@ -134,17 +123,23 @@ def _draw_exposure(
     ceiling = (sensor.saturation_dn - sensor.offset_dn) * sensor.gain_electrons_per_dn
     saturated = float(np.mean(signal >= ceiling - 4 * sensor.total_noise_electrons))
     stated = [s.pose.covariance for s in detections if s.pose is not None]
+    values = {
+        **_noise_statistics(signal, background, saturated),
+        "saturated_fraction": saturated,
+        "detected_fraction": float(found.mean()),
+        "attitude_error_p95_deg": percentile(np.degrees(errors[:, 0]), 95),
+        "range_error_p95": percentile(errors[:, 1], 95),
+    }
     return Trials(
-        {
-            **_noise_statistics(signal, background, saturated),
-            "saturated_fraction": saturated,
-            "detected_fraction": float(found.mean()),
-            "attitude_error_p95_deg": percentile(np.degrees(errors[:, 0]), 95),
-            "range_error_p95": percentile(errors[:, 1], 95),
-        },
-        found, np.degrees(errors[:, 0]), errors[:, 1], np.mean(stated, axis=0) if stated else np.full((6, 6), np.nan),
-        _reason([s.features.reason for s in detections]), first, detections[0].features,
-    )  # fmt: skip
+        values=values,
+        detected=found,
+        attitude_error_deg=np.degrees(errors[:, 0]),
+        range_error=errors[:, 1],
+        pose_covariance=np.mean(stated, axis=0) if stated else np.full((6, 6), np.nan),
+        reason=_reason([s.features.reason for s in detections]),
+        frame=first,
+        features=detections[0].features,
+    )
 
 
 def _electrons(sensor: Sensor, dn: NDArray[np.uint16]) -> NDArray[np.float32]:
@@ -159,10 +154,6 @@ def _reason(reasons: Sequence[str | None]) -> str:
         return ""
     text = known.most_common(1)[0][0]
     return text if known.total() == len(reasons) else f"{text} ({known.total()} of {len(reasons)} frames)"
-
-
-def _index(pixels: BitPixels) -> Pixels:
-    return np.concatenate([p[0] for p in pixels]), np.concatenate([p[1] for p in pixels])
 
 
 def _noise_statistics(signal: FloatArray, background: FloatArray, saturated: float) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""Where a scenario's marker is seen: its view, and the pixels of its bits."""
+"""The part of a scenario that the renderer sees."""
 
 from __future__ import annotations
 
@@ -11,6 +11,12 @@ def view(scenario: Scenario) -> View:
     """The part of a scenario that changes transport; its camera's point spread is the whole blur at the range."""
     nodes = wavelength_nodes(scenario.filter.spectrum(), scenario.render.wavelength_nodes)
     return View(
-        camera_at(scenario.camera, scenario.range_m, scenario.filter.centre_nm),
-        scenario.marker, scenario.target, scenario.leds, scenario.sun, scenario.range_m, nodes, scenario.earth,
-    )  # fmt: skip
+        camera=camera_at(scenario.camera, scenario.range_m, scenario.filter.centre_nm),
+        marker=scenario.marker,
+        target=scenario.target,
+        leds=scenario.leds,
+        sun=scenario.sun,
+        range_m=scenario.range_m,
+        nodes_nm=nodes,
+        earth=scenario.earth,
+    )

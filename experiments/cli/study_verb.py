@@ -9,10 +9,12 @@ raises a ValueError for what is no condition, and `requirement.unmet(condition, 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
+from shutil import rmtree
 from typing import Any
 
 import click
@@ -37,6 +39,7 @@ class PlanOption:
         kind: click's type.
         help: one line.
         multiple: whether it may be given many times; the field is then a tuple.
+        value: what the field becomes, for an option without a value of its own; `kind` is then not used.
     """
 
     flag: str
@@ -44,6 +47,21 @@ class PlanOption:
     kind: Any
     help: str
     multiple: bool = False
+    value: Any = None
+
+    @property
+    def option(self) -> Callable[..., Any]:
+        """The option as click has it."""
+        if self.value is not None:
+            return click.option(self.flag, self.field, flag_value=self.value, default=None, help=self.help)
+        return click.option(self.flag, self.field, type=self.kind, multiple=self.multiple, help=self.help)
+
+    def typed(self, value: Any) -> list[str]:
+        """The option as typed for a value of the field."""
+        if self.value is not None:
+            return [self.flag]
+        values = value if self.multiple else [value]
+        return [f"{self.flag} {one:g}" if isinstance(one, float) else f"{self.flag} {one}" for one in values]
 
 
 @dataclass(frozen=True)
@@ -55,16 +73,18 @@ class StudyVerb:
         package: of the study, say ``experiments.studies.glare``.
         help: of the verb: what it does, how long it takes, what it writes.
         source: the metavar of the argument that names the scenario; empty where the study has a scenario of its own.
-        load: dotted path of a function (overrides, seed) -> scenario for a study with a scenario of its own; empty for
-            `Options.scenario`.
+        load: dotted path of a function that gives what the study runs on; empty for `Options.scenario`. It is called with
+            (source, overrides, seed) where there is a `source`, with (overrides, seed) for a study with a scenario of its own.
         fixed: why `--set` has nothing to change; empty where it has.
         quick: what `--quick` does; empty where there is no such option.
-        renders: whether it needs the renderer.
+        renders: whether it needs the renderer. Where the plan has a field `render`, that must be true as well.
         workers: whether it can use several processes.
         require: conditions of `--require`, each with what it asks.
         condition: what `--require` takes where it is free text; see above.
         writes: what the run itself writes into the folder as it goes, because memory should not hold all of it; empty for
             nothing. Its `run` takes the folder as `out`.
+        resume: what `--resume` does; empty where there is no such option. The study's `run` then takes `kept`, a folder for
+            finished parts, which are not run again; it is emptied first without `--resume`, and taken away once all is written.
         plan: options that change the plan.
     """
 
@@ -80,6 +100,7 @@ class StudyVerb:
     require: Mapping[str, str] | None = None
     condition: str = ""
     writes: str = ""
+    resume: str = ""
     plan: Sequence[PlanOption] = ()
 
 
@@ -108,13 +129,15 @@ def _options(study: StudyVerb) -> list[Callable[..., Any]]:
     if study.quick:
         found.append(click.option("--quick", is_flag=True, help=study.quick))
     for o in study.plan:
-        found.append(click.option(o.flag, o.field, type=o.kind, multiple=o.multiple, help=o.help))
+        found.append(o.option)
     if study.workers:
         found.append(
             click.option(
                 "--workers", type=click.IntRange(0), help="Processes beside this one; 0 is none, default one a core."
             )
         )
+    if study.resume:
+        found.append(click.option("--resume", is_flag=True, help=study.resume))
     if study.require:
         asks = "; ".join(f"{name}: {what}" for name, what in study.require.items())
         found.append(
@@ -131,6 +154,7 @@ def _options(study: StudyVerb) -> list[Callable[..., Any]]:
 
 def _run(study: StudyVerb, options: Options, source: str | None, given: dict[str, Any]) -> None:
     quick, workers, require = given.pop("quick", False), given.pop("workers", None), given.pop("require", None)
+    resume = given.pop("resume", False)
     changes = {field: value for field, value in given.items() if value not in (None, ())}
     if study.fixed and options.overrides:
         raise click.UsageError(f"{study.name}: {study.fixed}, so --set has nothing to change")
@@ -140,13 +164,22 @@ def _run(study: StudyVerb, options: Options, source: str | None, given: dict[str
     requirement = import_module(f"{study.package}.requirement") if study.condition and require else None
     condition = requirement.parse(require, scenario) if requirement else None
     out = options.out or Path("out") / study.name
-    ready_folder(out)
-    if study.renders:
-        announce_variant(options)
-    how = {**({"workers": workers} if study.workers else {}), **({"out": out} if study.writes else {})}
-    result = with_progress(options, lambda tell: runs.run(scenario, plan, tell, **how))
-    page = import_module(f"{study.package}.page").page(result, _command(study, options, source, quick, changes))
-    page.write(out)
+    with _folder(out):
+        if study.renders and getattr(plan, "render", True):
+            announce_variant(options)
+        how: dict[str, Any] = {"workers": workers} if study.workers else {}
+        if study.writes:
+            how["out"] = out
+        kept = out / "runs"
+        if study.resume:
+            how["kept"] = kept
+            if not resume:
+                rmtree(kept, ignore_errors=True)
+        result = with_progress(options, lambda tell: runs.run(scenario, plan, tell, **how))
+        page = import_module(f"{study.package}.page").page(result, _command(study, options, source, quick, changes))
+        page.write(out)
+        if study.resume:
+            rmtree(kept, ignore_errors=True)
     options.say(*page.terminal(), f"Report and data: {out / 'report.html'}")
     options.emit({**page.record(), "out": out})
     short = requirement.unmet(condition, result) if requirement else page.unmet.get(require or "", "")
@@ -154,20 +187,33 @@ def _run(study: StudyVerb, options: Options, source: str | None, given: dict[str
         raise RequirementNotMet(short)
 
 
+@contextmanager
+def _folder(out: Path) -> Iterator[None]:
+    """Make the folder before anything is computed; where the work fails and wrote nothing, take it away again."""
+    there = out.exists()
+    ready_folder(out)
+    try:
+        yield
+    except BaseException:
+        if not there:
+            with suppress(OSError):  # it is not empty
+                out.rmdir()
+        raise
+
+
 def _scenario(study: StudyVerb, options: Options, source: str | None) -> Any:
     if not study.load:
         return options.scenario(source)
     module, _, function = study.load.rpartition(".")
-    return getattr(import_module(module), function)(options.overrides, options.seed)
+    sources = (source,) if study.source else ()
+    return getattr(import_module(module), function)(*sources, options.overrides, options.seed)
 
 
 def _command(study: StudyVerb, options: Options, source: str | None, quick: bool, changes: dict[str, Any]) -> str:
     """The command line that makes the page again, without its folder."""
     words = [f"mantis {study.name}", *([source] if source else []), *(["--quick"] if quick else [])]
     for o in study.plan:
-        values = changes.get(o.field, ())
-        for value in values if o.multiple else [values] if o.field in changes else []:
-            words.append(f"{o.flag} {value:g}" if isinstance(value, float) else f"{o.flag} {value}")
+        words += o.typed(changes[o.field]) if o.field in changes else []
     words += [f"--set {override}" for override in options.overrides]
     words += [f"--seed {options.seed}"] if options.seed is not None else []
     return " ".join(words)

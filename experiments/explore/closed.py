@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from experiments import chain
-from experiments.explore.stock import Budgets
+from experiments.explore.geometries import Budgets
 from experiments.reporting.formatting import number, percent, seconds_text
 from experiments.scenario import Scenario
 from radiometry import closure, link
@@ -68,21 +68,36 @@ def _gauge(verdict: closure.Verdict) -> dict[str, Any]:
     unit = {"sampling": " px", "smear": " px"}.get(verdict.name, "")
     show = percent if verdict.name == "saturation" else number
     return {
-        "name": verdict.name, "label": NAMES[verdict.name], "value": verdict.value, "text": show(verdict.value) + unit,
-        "limit": verdict.limit, "limit_text": f"{'at least' if at_least else 'at most'} {show(verdict.limit)}{unit}",
-        "passed": verdict.passed, "margin": verdict.margin, "at_least": at_least,
-        "low": ENDS[verdict.name][0], "high": ENDS[verdict.name][1],
-    }  # fmt: skip
+        "name": verdict.name,
+        "label": NAMES[verdict.name],
+        "value": verdict.value,
+        "text": show(verdict.value) + unit,
+        "limit": verdict.limit,
+        "limit_text": f"{'at least' if at_least else 'at most'} {show(verdict.limit)}{unit}",
+        "passed": verdict.passed,
+        "margin": verdict.margin,
+        "at_least": at_least,
+        "low": ENDS[verdict.name][0],
+        "high": ENDS[verdict.name][1],
+    }
 
 
 def _snr_gauge(scenario: Scenario, snr: float) -> dict[str, Any]:
     """SNR has no requirement of its own; what bounds it is a full pixel."""
     full = float(link.snr(chain.usable_well_electrons(scenario.sensor), 0.0, scenario.sensor.total_noise_electrons))
     return {
-        "name": "snr", "label": "SNR", "value": snr, "text": number(snr), "limit": full, "at_least": False,
-        "limit_text": f"a full pixel has {number(full)}", "passed": None, "margin": None,
-        "low": ENDS["snr"][0], "high": ENDS["snr"][1],
-    }  # fmt: skip
+        "name": "snr",
+        "label": "SNR",
+        "value": snr,
+        "text": number(snr),
+        "limit": full,
+        "at_least": False,
+        "limit_text": f"a full pixel has {number(full)}",
+        "passed": None,
+        "margin": None,
+        "low": ENDS["snr"][0],
+        "high": ENDS["snr"][1],
+    }
 
 
 def curve(scenario: Scenario, points: Iterable[tuple[float, Budgets]], pair: bool) -> dict[str, Any]:

@@ -6,7 +6,7 @@ rendered; *live* ones, applied after rendering, take any value. A state travels 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 from urllib.parse import parse_qsl, urlencode
@@ -56,90 +56,147 @@ class Control:
 
 def controls(base: Scenario) -> tuple[Control, ...]:
     """The controls of a scenario; its own values are on every grid."""
-    shortest, longest = (
-        base.auto_exposure.shortest_s,
-        min(max(base.auto_exposure.longest_s, 1e-6), base.leds.longest_pulse_s),
-    )
-    decades = np.log10(longest / shortest)
-    exposures = [float(f"{v:.3g}") for v in np.geomspace(shortest, longest, round(20 * decades) + 1)]
-    drives = [float(f"{v:.3g}") for v in np.geomspace(0.01, 4, 53)]
+    return (*_geometry_controls(base), *_light_controls(base), *_camera_controls(base), *_marker_controls(base))
+
+
+def _geometry_controls(base: Scenario) -> list[Control]:
     tilts = range(-60, 61, 10)
-    found = [
-        _slider(base, "range_m", "Range", "m", base.budget.ranges_m, "Geometry"),
-        _slider(base, "target.yaw_deg", "Tilt about the vertical axis (yaw)", "°", tilts, "Geometry"),
-        _slider(base, "target.pitch_deg", "Tilt about the horizontal axis (pitch)", "°", tilts, "Geometry"),
-        _choice(base, "illumination", "Sun", ("eclipse", "sunlit"), ("off: eclipse", "on"), base.illumination, "Light", live=True),
-        _slider(base, "sun.phase_deg", "Phase angle, Sun–target–camera", "°", (10, 20, 30, 45, 60, 75, 90, 120, 150), "Light"),
-        Control(
-            "drive", "LED current, the scenario's", "×", "slider", tuple(drives), tuple(f"× {v:g}" for v in drives), 1.0, True,
-            "Light", "Intensity and electrical power in proportion to the current; droop is left out",
-        ),
-        _slider(base, "leds.count", "LEDs", "", (10, 20, 50, 100, 200), "Light"),
-        _slider(base, "leds.ring_radius_m", "Ring radius", "m", (0.02, 0.03, 0.05, 0.08, 0.12), "Light"),
-        _choice(
-            base, "exposure", "Exposure", ("auto", "fixed"), ("automatic", "as set below"),
-            "auto" if base.exposure_s == "auto" else "fixed", "Camera", live=True,
-        ),
-        Control(
-            "exposure_s", "Exposure and LED pulse", "s", "slider",
-            _with(exposures, base.exposure_s), tuple(seconds_text(float(v)) for v in _with(exposures, base.exposure_s)),
-            base.exposure_s if base.exposure_s != "auto" else exposures[len(exposures) // 3], True, "Camera",
-        ),
-        _choice(
-            base, "pair", "Frames", (False, True), ("one, LEDs on", "pair: LEDs on minus off"), False, "Camera", live=True,
-            about="Both frames with the target at rest; `mantis glare` moves it between them",
-        ),
-        _preset(base, "filter", "Filter"),
-        _preset(base, "sensor", "Sensor"),
-        _slider(base, "marker.size_m", "Marker side", "m", (0.05, 0.075, 0.10, 0.15, 0.20), "Marker"),
-        _choice(
-            base, "marker.dictionary", "Pattern", *_twice(_unique(("4X4_50", "5X5_50", "6X6_50"), base.marker.dictionary)),
-            base.marker.dictionary, "Marker",
-        ),
-    ]  # fmt: skip
-    return tuple(found)
+    return [
+        _slider(base, "range_m", "Range", "m", base.budget.ranges_m, group="Geometry"),
+        _slider(base, "target.yaw_deg", "Tilt about the vertical axis (yaw)", "°", tilts, group="Geometry"),
+        _slider(base, "target.pitch_deg", "Tilt about the horizontal axis (pitch)", "°", tilts, group="Geometry"),
+    ]
 
 
-def _with(values: Any, own: Any) -> tuple[Value, ...]:
+def _light_controls(base: Scenario) -> list[Control]:
+    illuminations = {"eclipse": "off: eclipse", "sunlit": "on"}
+    phases = (10, 20, 30, 45, 60, 75, 90, 120, 150)
+    drives = [float(f"{v:.3g}") for v in np.geomspace(0.01, 4, 53)]
+    current = Control(
+        key="drive",
+        label="LED current, the scenario's",
+        unit="×",
+        kind="slider",
+        values=tuple(drives),
+        texts=tuple(f"× {v:g}" for v in drives),
+        start=1.0,
+        live=True,
+        group="Light",
+        about="Intensity and electrical power in proportion to the current; droop is left out",
+    )
+    return [
+        _choice("illumination", "Sun", illuminations, base.illumination, group="Light", live=True),
+        _slider(base, "sun.phase_deg", "Phase angle, Sun–target–camera", "°", phases, group="Light"),
+        current,
+        _slider(base, "leds.count", "LEDs", "", (10, 20, 50, 100, 200), group="Light"),
+        _slider(base, "leds.ring_radius_m", "Ring radius", "m", (0.02, 0.03, 0.05, 0.08, 0.12), group="Light"),
+    ]
+
+
+def _camera_controls(base: Scenario) -> list[Control]:
+    automatic = base.exposure_s == "auto"
+    longest = min(max(base.auto_exposure.longest_s, 1e-6), base.leds.longest_pulse_s)
+    decades = np.log10(longest / base.auto_exposure.shortest_s)
+    spread = np.geomspace(base.auto_exposure.shortest_s, longest, round(20 * decades) + 1)
+    exposures = [float(f"{v:.3g}") for v in spread]
+    stops = _with(exposures, base.exposure_s)
+    exposure = Control(
+        key="exposure_s",
+        label="Exposure and LED pulse",
+        unit="s",
+        kind="slider",
+        values=stops,
+        texts=tuple(seconds_text(float(v)) for v in stops),
+        start=exposures[len(exposures) // 3] if automatic else base.exposure_s,
+        live=True,
+        group="Camera",
+    )
+    modes = {"auto": "automatic", "fixed": "as set below"}
+    pair = _choice(
+        "pair",
+        "Frames",
+        {False: "one, LEDs on", True: "pair: LEDs on minus off"},
+        False,
+        group="Camera",
+        live=True,
+        about="Both frames with the target at rest; `mantis glare` moves it between them",
+    )
+    return [
+        _choice("exposure", "Exposure", modes, "auto" if automatic else "fixed", group="Camera", live=True),
+        exposure,
+        pair,
+        _preset("filter", "Filter"),
+        _preset("sensor", "Sensor"),
+    ]
+
+
+def _marker_controls(base: Scenario) -> list[Control]:
+    own = base.marker.dictionary
+    patterns = {name: name for name in ("4X4_50", "5X5_50", "6X6_50", own)}
+    return [
+        _slider(base, "marker.size_m", "Marker side", "m", (0.05, 0.075, 0.10, 0.15, 0.20), group="Marker"),
+        _choice("marker.dictionary", "Pattern", patterns, own, group="Marker"),
+    ]
+
+
+def _with(values: Iterable[float], own: float | str) -> tuple[Value, ...]:
     numbers = {float(v) for v in values} | ({float(own)} if own != "auto" else set())
     return tuple(sorted(numbers))
 
 
-def _unique(values: tuple[str, ...], own: str) -> tuple[str, ...]:
-    return tuple(dict.fromkeys((*values, own)))
-
-
-def _twice(values: tuple[str, ...]) -> tuple[tuple[Value, ...], tuple[str, ...]]:
-    return values, values
-
-
-def _slider(base: Scenario, key: str, label: str, unit: str, values: Any, group: str) -> Control:
+def _slider(base: Scenario, key: str, label: str, unit: str, values: Iterable[float], *, group: str) -> Control:
     """A slider over a grid of a scenario key's values, its own among them."""
     own: Any = base
     for part in key.split("."):
         own = getattr(own, part)
     grid = _with(values, own)
     texts = tuple(f"{v:g}{'' if unit in ('', '°') else ' '}{unit}" for v in grid)
-    return Control(key, label, unit, "slider", grid, texts, float(own), False, group)
+    return Control(
+        key=key,
+        label=label,
+        unit=unit,
+        kind="slider",
+        values=grid,
+        texts=texts,
+        start=float(own),
+        live=False,
+        group=group,
+    )
 
 
 def _choice(
-    base: Scenario, key: str, label: str, values: tuple[Value, ...], texts: tuple[str, ...], start: Value, group: str, *,
-    live: bool = False, about: str = "",
-) -> Control:  # fmt: skip
-    kind: Literal["choice", "switch"] = "switch" if len(values) == 2 else "choice"
-    return Control(key, label, "", kind, values, texts, start, live, group, about)
+    key: str,
+    label: str,
+    texts: Mapping[Any, str],
+    start: Value,
+    *,
+    group: str,
+    live: bool = False,
+    about: str = "",
+) -> Control:
+    """A choice between values, each with its text; of two it is a switch."""
+    return Control(
+        key=key,
+        label=label,
+        unit="",
+        kind="switch" if len(texts) == 2 else "choice",
+        values=tuple(texts),
+        texts=tuple(texts.values()),
+        start=start,
+        live=live,
+        group=group,
+        about=about,
+    )
 
 
-def _preset(base: Scenario, section: str, label: str) -> Control:
-    names = tuple(presets(section))
-    texts = ("as in the scenario", *names)
+def _preset(section: str, label: str) -> Control:
+    texts = {OWN: "as in the scenario", **{name: name for name in presets(section)}}
     about = (
         f"Of more than {WINDOW_PX[0]} × {WINDOW_PX[1]} px the middle is read out"
         if section == "sensor"
         else "see `mantis presets`"
     )
-    return Control(f"{section}.preset", label, "", "choice", (OWN, *names), texts, OWN, False, "Camera", about)
+    return _choice(f"{section}.preset", label, texts, OWN, group="Camera", about=about)
 
 
 def read_state(query: str, known: tuple[Control, ...]) -> State:

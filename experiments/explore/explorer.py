@@ -12,7 +12,7 @@ import numpy as np
 
 from experiments.explore import closed, controls, frame
 from experiments.explore.controls import Control, State
-from experiments.explore.stock import Key, Stock, Task
+from experiments.explore.geometries import GeometryStore, Key, Task
 from experiments.scenario import Scenario
 from experiments.scenario.toml import toml_text
 
@@ -25,13 +25,13 @@ class Explorer:
 
     Args:
         base: the scenario that was opened.
-        stock: entered; where its geometries are prepared.
+        store: entered; where its geometries are prepared.
         reach: how many values away from the present one, on every control, are prepared unasked.
     """
 
-    def __init__(self, base: Scenario, stock: Stock, reach: int = 100) -> None:
+    def __init__(self, base: Scenario, store: GeometryStore, reach: int = 100) -> None:
         self.base, self.controls = base, controls.controls(base)
-        self._stock, self._reach, self._lock = stock, reach, threading.Lock()
+        self._store, self._reach, self._lock = store, reach, threading.Lock()
         ranges = [float(v) for v in next(c for c in self.controls if c.key == "range_m").values]
         wanted = np.geomspace(ranges[0], ranges[-1], CURVE_POINTS)
         self._curve_ranges = sorted({min(ranges, key=lambda r: abs(r - w)) for w in wanted})
@@ -50,11 +50,9 @@ class Explorer:
             began = time.perf_counter()
             state = controls.read_state(query, self.controls)
             scenario, key = controls.scenario_of(self.base, state), self._key(state)
-            self._stock.want(key, lambda: self._plan(state))
-            prepared, pair, drive = self._stock.frame(key), bool(state["pair"]), float(state["drive"])
-            if pair and scenario.camera.distorted:
-                raise ValueError("pair: the lens has distortion, which is undone in single frames only")
-            budgets = self._stock.budgets(key)
+            self._store.want(key, lambda: self._plan(state))
+            prepared, pair, drive = self._store.frame(key), bool(state["pair"]), float(state["drive"])
+            budgets = self._store.budgets(key)
             points = list(self._curve(state))
             found = {
                 "query": controls.write_state(state, self.controls),
@@ -64,9 +62,9 @@ class Explorer:
                 "curve_complete": {r for r, _ in points} >= set(self._curve_ranges),
                 "frame": frame.rendered(scenario, prepared, drive, pair) if prepared and with_frame else None,
                 "pending": prepared is None,
-                "doing": self._stock.doing,
+                "doing": self._store.doing,
                 "ready": {
-                    c.key: [self._stock.ready(self._key({**state, c.key: v})) for v in c.values] for c in self._rendered
+                    c.key: [self._store.ready(self._key({**state, c.key: v})) for v in c.values] for c in self._rendered
                 },
             }
             return {**found, "milliseconds": 1e3 * (time.perf_counter() - began)}
@@ -91,7 +89,7 @@ class Explorer:
     def _curve(self, state: State) -> Iterator[tuple[float, Any]]:
         """Range and closed form of those points of the curve that are known, the present one among them."""
         for range_m in sorted({*self._curve_ranges, float(state["range_m"])}):
-            budgets = self._stock.budgets(self._key({**state, "range_m": range_m}))
+            budgets = self._store.budgets(self._key({**state, "range_m": range_m}))
             if budgets is not None:
                 yield range_m, budgets
 

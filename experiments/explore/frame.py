@@ -10,17 +10,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from detector.features import find_features
-from detector.pose.pose import solve_pose
+from detector.sensor.noise import sensor_noise
+from detector.sensor.pair import difference
 from detector.sensor.sensor import Sensor, expose
 from experiments import chain
 from experiments.chain.trials import known_values
-from experiments.explore.stock import Prepared
+from experiments.explore.geometries import Prepared
 from experiments.reporting import pictures
 from experiments.reporting.detection import as_record, describe
 from experiments.reporting.formatting import number, percent
 from experiments.scenario import Scenario
-from experiments.studies.glare.fusion import difference
 from radiometry import link
 from radiometry.geometry import FloatArray
 
@@ -35,27 +34,30 @@ ELLIPSE_95 = float(np.sqrt(-2 * np.log(0.05)))
 
 
 @dataclass(frozen=True)
-class Shot:
-    """One frame, or the difference of a pair: the image the detector is given, and the frame with LEDs of which it is made."""
+class ShownFrame:
+    """What the page shows of one exposure.
+
+    Attributes:
+        image: (H, W) the frame [DN], or the difference of a pair of frames [DN].
+        dn: (H, W) the frame with the LEDs on [DN].
+        seen: what the detector finds.
+    """
 
     image: FloatArray | NDArray[np.uint16]
     dn: NDArray[np.uint16]
     seen: chain.Detection
 
 
-def shoot(scenario: Scenario, rate: FloatArray, off_rate: FloatArray | None, seconds: float) -> Shot:
+def shoot(scenario: Scenario, rate: FloatArray, off_rate: FloatArray | None, seconds: float) -> ShownFrame:
     """One exposure and what the detector finds in it; with the Sun's rate alone, the difference of a pair."""
     frame = chain.expose(scenario, rate, scenario.illumination, seconds).dn
     if off_rate is None:
-        return Shot(frame, frame, chain.detect(scenario, frame))
+        return ShownFrame(frame, frame, chain.detect(scenario, frame))
     # The frame without LEDs is the next of the same noise stream.
     rng = chain.frame_generator(scenario, scenario.illumination, seconds, trial=1)
     dark = expose(scenario.sensor, off_rate, seconds, rng).dn
-    image, noise = difference(scenario.sensor, frame, dark, np.zeros(2))
-    camera = chain.view(scenario).camera
-    features = find_features(image, scenario.marker, camera, noise, scenario.leds.ring_radius_m)
-    pose = solve_pose(features, scenario.marker, camera) if features.detected else None
-    return Shot(image, frame, chain.Detection(features, pose))
+    image, _ = difference(frame, dark, sensor_noise(scenario.sensor))
+    return ShownFrame(image, frame, chain.detect(scenario, frame, off=dark))
 
 
 def rendered(scenario: Scenario, prepared: Prepared, drive: float, pair: bool) -> dict[str, Any]:
@@ -65,13 +67,15 @@ def rendered(scenario: Scenario, prepared: Prepared, drive: float, pair: bool) -
         scenario: of the state, LED current included.
         prepared: its geometry at the current of the scenario that was opened.
         drive: LED current over that.
+        pair: whether the frame is the difference of two, with and without the LEDs.
     """
     budgets, illumination = prepared.budgets.scaled(drive), scenario.illumination
     budget, rate = budgets.by_illumination[illumination], prepared.rate(illumination, drive)
     seconds = chain.solve_exposure(scenario, budget, scenario.exposure_s)
     off = np.maximum(prepared.rates[illumination] - prepared.rates["eclipse"], 0.0) if pair else None
     shot = shoot(scenario, rate, off, seconds)
-    known = {name: values[0] for name, values in known_values(scenario, illumination, budget, rate, [seconds]).items()}
+    case = chain.Case(scenario, illumination)
+    known = {name: values[0] for name, values in known_values(case, budget, rate, [seconds]).items()}
     return {
         **_pictures(scenario, shot),
         "histogram": histogram(scenario.sensor, shot.dn),
@@ -131,7 +135,7 @@ def histogram(sensor: Sensor, dn: NDArray[np.uint16]) -> dict[str, Any]:
     }
 
 
-def _pictures(scenario: Scenario, shot: Shot) -> dict[str, Any]:
+def _pictures(scenario: Scenario, shot: ShownFrame) -> dict[str, Any]:
     view = chain.view(scenario)
     outline, centre = view.to_image(scenario.marker.corners_m), view.to_image(np.zeros((1, 3)))[0]
     side = scenario.marker.size_m * max(scenario.camera.focal_px) / scenario.range_m * CROP_OVER_MARKER

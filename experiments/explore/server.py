@@ -125,8 +125,11 @@ class _Handler(BaseHTTPRequestHandler):
         self._send(text.encode(), "application/toml", {"Content-Disposition": 'attachment; filename="scenario.toml"'})
 
     _answers: ClassVar[dict[str, Callable[[_Handler, str], None]]] = {
-        "/controls": _controls, "/answer": _answer, "/numbers": _numbers, "/scenario.toml": _toml,
-    }  # fmt: skip
+        "/controls": _controls,
+        "/answer": _answer,
+        "/numbers": _numbers,
+        "/scenario.toml": _toml,
+    }
 
     def _send_json(self, data: Any, status: HTTPStatus = HTTPStatus.OK) -> None:
         self._send(json.dumps(plain(data), allow_nan=False).encode(), "application/json", status=status)

@@ -131,6 +131,7 @@ class Table:
         exact: rows for that file where its numbers have more digits than the page shows; headings stay the same.
         inline: whether the page in Markdown shows the rows; where not, it links the file.
         terminal: whether the terminal shows the rows.
+        terminal_columns: those that it shows, by number, where all would be too wide; empty for all.
     """
 
     kind: ClassVar[str] = "table"
@@ -144,6 +145,7 @@ class Table:
     exact: tuple[tuple[object, ...], ...] = ()
     inline: bool = True
     terminal: bool = False
+    terminal_columns: tuple[int, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -214,6 +216,7 @@ def text_table(
     key: str | None = None,
     inline: bool = True,
     terminal: bool = False,
+    terminal_columns: tuple[int, ...] = (),
 ) -> Table:
     """A heading and rows of text as a table; columns that do not hold numbers are aligned left. Keywords as in `Table`."""
     heading, *lines = [[str(cell) for cell in row] for row in rows]
@@ -222,7 +225,16 @@ def text_table(
         tuple(Cell(text, style="" if number else "left") for text, number in zip(line, numeric, strict=True))
         for line in lines
     )
-    return Table(tuple(heading), cells, caption, compact=compact, key=key, inline=inline, terminal=terminal)
+    return Table(
+        tuple(heading),
+        cells,
+        caption,
+        compact=compact,
+        key=key,
+        inline=inline,
+        terminal=terminal,
+        terminal_columns=terminal_columns,
+    )
 
 
 #: A text that begins with a number, or says that there is none.

@@ -15,7 +15,7 @@ import numpy as np
 from experiments.reporting.formatting import ILLUMINATION_NAMES, number, seconds_text
 
 if TYPE_CHECKING:
-    from experiments.chain import Detection, LinkBudget
+    from experiments.chain import DetectedImage, Detection, LinkBudget
     from experiments.chain.shoot import Exposure
     from experiments.scenario import Scenario
 
@@ -72,6 +72,22 @@ def detection_html(seen: Detection) -> str:
     return f"<p>{'<br>'.join(escape(line) for line in describe(seen))}</p>"
 
 
+def detected_image_html(seen: DetectedImage) -> str:
+    """The image about the marker with the detection drawn in it, or the whole image where none was found; then its text."""
+    from experiments.reporting.pictures import legend, marker_picture
+
+    corners = seen.features.corners_px
+    if corners is None:
+        height, width = seen.image.shape
+        centre, side = np.array([(width - 1) / 2, (height - 1) / 2]), float(max(width, height))
+    else:
+        centre = corners.mean(axis=0)
+        side = 1.2 / seen.scenario.marker.aruco_fraction * float(np.ptp(corners, axis=0).max())
+    unknown = np.empty((0, 2))  # where the marker truly is, nobody knows of an image from elsewhere
+    picture = marker_picture(seen.image, seen.features, centre, side, unknown)
+    return f"{picture.svg}<p>{legend()}</p>{detection_html(seen)}"
+
+
 def _value(value: Any) -> str:
     if value is None:
         return "none"
@@ -106,6 +122,7 @@ DISPLAYS: dict[tuple[str, str], Callable[[Any], str]] = {
     ("experiments.scenario.model", "Scenario"): scenario_html,
     ("experiments.chain.link_budget", "LinkBudget"): budget_html,
     ("detector.detect", "Detection"): detection_html,
+    ("experiments.chain.detection", "DetectedImage"): detected_image_html,
     ("experiments.chain.shoot", "Exposure"): exposure_html,
 }
 

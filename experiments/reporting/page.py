@@ -38,7 +38,7 @@ class Page:
         about: paragraphs that say what is asked and how it is answered.
         limits: assumptions and what is not modelled.
         scenario: of the system that is looked at; None where there is none.
-        data: the labelled result, written as ``STEM.nc``; its attributes say what made it.
+        data: the labelled result, written as ``STEM.nc``; its attributes say what made it, and with which seed.
         stem: name of the files; default the study's.
         unmet: for each `--require` condition that the result does not meet, why.
         extra: further plain data for `--json`.
@@ -129,7 +129,8 @@ class Page:
             again, foot = list(reproduction(self.scenario, attributes, self.command)), footer(attributes)
         else:
             hashes = {} if self.scenario is None else {"Scenario": self.scenario.digest()}
-            seed = None if self.scenario is None else self.scenario.seed
+            seed = int(float(attributes["seed"])) if "seed" in attributes else None
+            seed = seed if self.scenario is None else self.scenario.seed
             again, foot = list(made_by(self.command, seed, hashes, versions)), versions
         sections = tuple(
             Section(s.anchor, s.title, tuple(drawn(block, self.name) for block in s.blocks), s.wordy)

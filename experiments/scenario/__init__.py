@@ -2,13 +2,13 @@
 
 from experiments.scenario.model import (
     MATERIAL_KEYS,
+    KeyValue,
     Range,
     Scenario,
     ScenarioError,
     apply_override,
     describe,
     explain,
-    json_schema,
     load_data,
     load_scenario,
     overridden,
@@ -16,9 +16,11 @@ from experiments.scenario.model import (
     shipped_scenarios,
     validate,
 )
+from experiments.scenario.schema import json_schema
 
 __all__ = [
     "MATERIAL_KEYS",
+    "KeyValue",
     "Range",
     "Scenario",
     "ScenarioError",

@@ -16,28 +16,39 @@ SHOWN: dict[str, tuple[str, dict[str, str]]] = {
     "sensor": (
         "Sensors",
         {
-            "pixels": "grid", "pitch (µm)": "pitch_um", "QE at 850 nm": "quantum_efficiency",
-            "full well (e-)": "full_well_electrons", "read noise (e-)": "read_noise_electrons", "bits": "bits",
+            "pixels": "grid",
+            "pitch (µm)": "pitch_um",
+            "QE at 850 nm": "quantum_efficiency",
+            "full well (e-)": "full_well_electrons",
+            "read noise (e-)": "read_noise_electrons",
+            "bits": "bits",
         },
     ),
     "camera": (
         "Lenses",
         {
-            "focal length (m)": "focal_length_m", "F-number": "f_number", "transmission": "lens_transmission",
+            "focal length (m)": "focal_length_m",
+            "F-number": "f_number",
+            "transmission": "lens_transmission",
             "point spread (px)": "psf_sigma_px",
         },
     ),
     "leds": (
         "LEDs, one emitter",
         {
-            "on axis (W/sr)": "intensity_w_sr", "half angle (deg)": "half_angle_deg", "centre (nm)": "centroid_nm",
-            "width (nm)": "fwhm_nm", "electrical (W)": "electrical_power_w",
+            "on axis (W/sr)": "intensity_w_sr",
+            "half angle (deg)": "half_angle_deg",
+            "centre (nm)": "centroid_nm",
+            "width (nm)": "fwhm_nm",
+            "electrical (W)": "electrical_power_w",
         },
     ),
     "filter": (
         "Filters",
         {
-            "from (nm)": "low_nm", "to (nm)": "high_nm", "transmission": "transmission",
+            "from (nm)": "low_nm",
+            "to (nm)": "high_nm",
+            "transmission": "transmission",
             "index of angle shift": "effective_index",
         },
     ),
@@ -49,7 +60,7 @@ SHOWN: dict[str, tuple[str, dict[str, str]]] = {
         "Tapes",
         {"f at 0.2 deg (1/sr)": "at_0.2_deg", "at 0.5 deg": "at_0.5_deg", "at 1 deg": "at_1_deg"},
     ),
-}  # fmt: skip
+}
 
 #: Observation angles at which a tape's return is told [deg]; the entrance angle is 5 deg, the wavelength 850 nm.
 _OBSERVATION_DEG = (0.2, 0.5, 1.0)
@@ -127,14 +138,14 @@ def _sensors() -> list[Entry]:
 
 
 def _tapes() -> list[Entry]:
-    from materials.observed import observed
+    from materials.goniometer import goniometer_scan
 
     found = []
     for name in library.available():
         if not name.startswith("tape_") or name.endswith(END_OF_LIFE):
             continue
         material = library.load(name)
-        returned = observed(material, 5.0, np.array(_OBSERVATION_DEG))
+        returned = goniometer_scan(material, 5.0, np.array(_OBSERVATION_DEG))
         values = {f"at_{angle:g}_deg": round(float(f), 1) for angle, f in zip(_OBSERVATION_DEG, returned, strict=True)}
         found.append(Entry("target.tape_material", name, values, f"{material.title}. {material.source}"))
     return found

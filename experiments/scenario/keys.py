@@ -7,6 +7,9 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
+from experiments.scenario.errors import nearest
+from experiments.scenario.schema import json_schema
+
 Schema = dict[str, Any]
 
 _TYPES = {"number": "number", "integer": "whole number", "string": "text", "boolean": "true or false"}
@@ -55,7 +58,7 @@ class Section:
 @cache
 def scenario_keys() -> tuple[Key, ...]:
     """Every key, those of the top first, then section by section as in the model."""
-    schema = _schema()
+    schema = json_schema()
     own, nested = [], []
     for name, part in schema["properties"].items():
         section = _section(schema, part)
@@ -69,7 +72,7 @@ def scenario_keys() -> tuple[Key, ...]:
 @cache
 def sections() -> tuple[Section, ...]:
     """Every section, in the order of the model."""
-    schema, found = _schema(), []
+    schema, found = json_schema(), []
     for name, part in schema["properties"].items():
         section = _section(schema, part)
         if section is not None:
@@ -85,8 +88,6 @@ def find(dotted: str) -> Key:
     Raises:
         ValueError: when there is none, naming the nearest.
     """
-    from experiments.scenario.errors import nearest
-
     known = {key.dotted: key for key in scenario_keys()}
     if dotted not in known:
         near = nearest(dotted, list(known))
@@ -109,12 +110,6 @@ def explained(dotted: str, scenario: object) -> str:
     )
     takes = ", ".join(filter(None, (told.kind, told.bounds)))
     return f"{dotted} = {here}: {told.meaning} ({takes}; default {default})"
-
-
-def _schema() -> Schema:
-    from experiments.scenario.model import json_schema
-
-    return json_schema()
 
 
 def _section(schema: Schema, part: Schema) -> Schema | None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -18,7 +18,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from detector.sensor.sensor import Sensor
 from experiments.scenario import errors as messages
-from experiments.scenario.presets import SECTIONS, clear_for_preset, expand, presets
+from experiments.scenario.presets import SECTIONS, clear_for_preset, expand
 from materials import library
 from radiometry.closure import Requirement
 from radiometry.filters import Bandpass
@@ -30,6 +30,8 @@ from scenes.target import Target
 
 Range = Annotated[float, Field(ge=0.05, le=1000, allow_inf_nan=False)]
 Exposure = Annotated[float, Field(gt=0, le=100, allow_inf_nan=False)] | Literal["auto"]
+#: A value of a scenario key.
+KeyValue = float | str | bool | Sequence[float]
 Illumination = Literal["eclipse", "sunlit"]
 
 DEFAULT_SCENARIO = "default"
@@ -202,7 +204,7 @@ class Scenario(BaseModel):
             apply_override(data, override)
         return validate(data)
 
-    def with_values(self, values: Mapping[str, Any]) -> Scenario:
+    def with_values(self, values: Mapping[str, KeyValue]) -> Scenario:
         """A copy with values by dotted key, say ``{"leds.count": 20}``.
 
         Raises:
@@ -212,16 +214,6 @@ class Scenario(BaseModel):
         for key, value in values.items():
             set_key(data, key, value)
         return validate(data)
-
-    def explain(self, key: str) -> str:
-        """What a key means, takes, is by default, and is here: ``scenario.explain("leds.half_angle_deg")``.
-
-        Raises:
-            ValueError: when there is no such key, naming the nearest.
-        """
-        from experiments.scenario.keys import explained
-
-        return explained(key, self)
 
 
 def load_scenario(source: str | Path | None = None, overrides: tuple[str, ...] = ()) -> Scenario:
@@ -276,22 +268,6 @@ def validate(data: dict[str, Any]) -> Scenario:
         return Scenario.model_validate(data)
     except ValidationError as error:
         raise ScenarioError(explain(error)) from None
-
-
-def json_schema() -> dict[str, Any]:
-    """JSON schema of a scenario file, presets included, for an editor to complete and check."""
-    schema = Scenario.model_json_schema()
-    for section in SECTIONS:
-        reference = schema["properties"][section].get("$ref") or schema["properties"][section]["allOf"][0]["$ref"]
-        properties = schema["$defs"][reference.rsplit("/", 1)[1]]["properties"]
-        description = "fills this section; keys written beside it win"
-        properties["preset"] = {"type": "string", "enum": sorted(presets(section)), "description": description}
-    names = {"anyOf": [{"enum": list(library.available())}, {"type": "string", "pattern": r"\.toml(_eol)?$"}]}
-    for key in MATERIAL_KEYS:
-        told = schema["$defs"]["Target"]["properties"][key]
-        told.update(names)
-        told.pop("type")
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "Mantis scenario", **schema}
 
 
 def shipped_scenarios() -> tuple[str, ...]:

@@ -11,9 +11,12 @@ from experiments.scenario.errors import nearest
 
 #: Sections that take a preset, and the data file, package and name, of those that are not the sensor's.
 SECTIONS = {
-    "camera": ("radiometry", "lenses"), "filter": ("radiometry", "filters"), "leds": ("radiometry", "leds"),
-    "marker": ("scenes", "markers"), "sensor": None,
-}  # fmt: skip
+    "camera": ("radiometry", "lenses"),
+    "filter": ("radiometry", "filters"),
+    "leds": ("radiometry", "leds"),
+    "marker": ("scenes", "markers"),
+    "sensor": None,
+}
 
 
 @cache

@@ -10,11 +10,17 @@ import numpy as np
 from experiments.reporting.blocks import Cell, Section, Table, Text
 from experiments.reporting.formatting import number
 
+#: The thesis that `experiments.thesis` holds against this project, as it is cited.
+THESIS = (
+    "D. Rijlaarsdam, Relative Navigation for Debris Removal (RENDER): Designing a Novel Fiducial Marker System, MSc thesis, "
+    "Delft University of Technology, 2021"
+)
+
 HEADINGS = ("where", "what", "unit", "printed", "reproduced", "right", "remark")
 
 _ABOUT = (
-    "*Printed* is what the thesis states, empty where it leaves the number open; *reproduced* follows its own recipe; *right* is "
-    "what this project finds."
+    "‘Printed’ is what the thesis states, a dash where it leaves the number open. ‘Reproduced’ follows the thesis's own recipe. "
+    "‘Right’ is what this project finds."
 )
 
 

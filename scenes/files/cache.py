@@ -1,8 +1,8 @@
-"""Rendered transport, kept on disk by content: what is rendered once is never rendered again.
+"""Rendered transport, kept on disk by content, so that nothing is rendered twice.
 
-The key hashes everything that changes transport (the view and the quality), the source code that renders it and the
-renderer's version. Files appear whole or not at all, so any number of processes may share a cache; each carries a checksum,
-so a truncated or foreign file is found out and rendered anew. The least recently used files make room for new ones.
+The key hashes everything that changes transport: the view, the quality, the source code that renders, and the version of
+the renderer. Files appear whole or not at all, so any number of processes may share a cache. Each file carries a checksum;
+a truncated or foreign file is noticed and rendered again. The least recently used files make room for new ones.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from scenes.render.batch import render_cases
 from scenes.view import AFTER_TRANSPORT, Quality, TransportBasis, View
 
 DEFAULT_LIMIT_BYTES = 4 * 2**30
-#: A file so old that is still being written has lost its writer [s].
+#: A file that has been unfinished for so long has lost its writer [s].
 _ABANDONED_S = 3600.0
-#: Views looked up and rendered at a time: enough to fill the renderer, few enough to be held in memory.
+#: Views that are looked up and rendered at a time: enough to fill the renderer, few enough for memory.
 _TOGETHER = 16
 
 #: Source files whose change makes every cached basis stale.
@@ -40,6 +40,7 @@ _CODE = {
         "density.py",
         "earth.py",
         "image.py",
+        "lanes.py",
         "lattice.py",
         "marker_rays.py",
         "scene.py",
@@ -47,7 +48,7 @@ _CODE = {
         "tracer.py",
     ),
     "materials": ("brdf.py", "datafile.py", "library.py", "plugins.py"),
-    "radiometry": ("geometry.py", "distortion.py", "optics.py", "sources.py"),
+    "radiometry": ("geometry.py", "distortion.py", "optics.py", "parameters.py", "sources.py", "spectrum.py"),
 }
 
 
@@ -61,7 +62,7 @@ def default_folder() -> Path:
 
 @cache
 def code_version() -> str:
-    """Hash of the source that renders transport, and the renderer's version."""
+    """Hash of the source code that renders transport and of the renderer's version, 64 hexadecimal digits."""
     digest = hashlib.sha256(f"mitsuba {version('mitsuba')}".encode())
     for folder, names in _CODE.items():
         package, *inside = folder.split("/")
@@ -75,7 +76,13 @@ def code_version() -> str:
 def key(view: View, quality: Quality, variant: str) -> str:
     """Name of a view's basis in the cache, 32 hexadecimal digits.
 
-    Of camera and LEDs only what changes transport counts: not the F-number, transmission, stray light or power.
+    Only what changes transport enters. Of the camera, F-number, transmission and stray light are left out, of the LEDs
+    their power.
+
+    Args:
+        view: what is rendered.
+        quality: how densely.
+        variant: Mitsuba's variant.
     """
     parts = {
         "code": code_version(),
@@ -97,9 +104,10 @@ class TransportCache:
     """A folder of rendered bases.
 
     Attributes:
-        folder: where they are; made when first needed.
-        limit_bytes: size above which the least recently used ones are removed.
-        rendered, reused: how many bases this object had to render, and how many it found.
+        folder: where the files are; it is made when first needed.
+        limit_bytes: size above which the least recently used files are removed [bytes].
+        rendered: how many bases this object had to render.
+        reused: how many bases this object found.
     """
 
     folder: Path
@@ -108,11 +116,26 @@ class TransportCache:
     reused: int = 0
 
     def basis(self, view: View, quality: Quality) -> TransportBasis:
-        """The basis of a view: from the cache where it is whole, else rendered and kept."""
+        """The basis of a view: read from the cache where its file is whole, else rendered and kept.
+
+        Args:
+            view: what to render.
+            quality: how densely.
+
+        Raises:
+            RuntimeError: when it must be rendered and no Mitsuba variant can run here.
+        """
         return next(self.bases([(view, quality)]))
 
     def bases(self, cases: Iterable[tuple[View, Quality]]) -> Iterator[TransportBasis]:
-        """Bases of many views, in order: those in the cache as `basis`, all others rendered together, `_TOGETHER` at a time."""
+        """Bases of many views, in order. What the cache lacks is rendered together, `_TOGETHER` views at a time.
+
+        Args:
+            cases: views with their qualities, taken as they are needed.
+
+        Raises:
+            RuntimeError: when something must be rendered and no Mitsuba variant can run here.
+        """
         from scenes.llvm import select_variant
 
         variant, rest = select_variant(), iter(cases)
@@ -150,7 +173,7 @@ class TransportCache:
         return [(path, size) for _, path, size in sorted(found)]
 
     def clear(self) -> int:
-        """Remove every basis; returns how many."""
+        """Remove every basis, and what interrupted writers have left behind; returns how many bases there were."""
         paths = [path for path, _ in self.entries()]
         for path in paths + self._unfinished(0.0):
             path.unlink(missing_ok=True)
@@ -195,7 +218,11 @@ class TransportCache:
 
 
 def checksum(basis: TransportBasis) -> str:
-    """SHA-256 of the wavelengths and the bytes of every layer and of its noise."""
+    """SHA-256 of the wavelengths and of the bytes of every layer and its noise, 64 hexadecimal digits.
+
+    Args:
+        basis: of any view.
+    """
     digest = hashlib.sha256(repr(basis.nodes_nm).encode())
     for images in (basis.layers, basis.noise):
         for light in sorted(images):

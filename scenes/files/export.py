@@ -12,14 +12,27 @@ import numpy as np
 
 from radiometry.spectrum import Spectrum
 from scenes.render.stock import stock_scene
-from scenes.render.transport import MM_PER_M, View
+from scenes.view import MM_PER_M, View
 
 #: XML element of each plugin that `stock_scene` uses.
 _ELEMENTS = {
-    "scene": "scene", "path": "integrator", "perspective": "sensor", "specfilm": "film", "ply": "shape", "disk": "shape",
-    "spot": "emitter", "area": "emitter", "bitmap": "texture", "diffuse": "bsdf", "mantis_material": "bsdf",
-    "blendbsdf": "bsdf", "roughconductor": "bsdf", "uniform": "spectrum", "regular": "spectrum", "irregular": "spectrum",
-}  # fmt: skip
+    "scene": "scene",
+    "path": "integrator",
+    "perspective": "sensor",
+    "specfilm": "film",
+    "ply": "shape",
+    "disk": "shape",
+    "spot": "emitter",
+    "area": "emitter",
+    "bitmap": "texture",
+    "diffuse": "bsdf",
+    "mantis_material": "bsdf",
+    "blendbsdf": "bsdf",
+    "roughconductor": "bsdf",
+    "uniform": "spectrum",
+    "regular": "spectrum",
+    "irregular": "spectrum",
+}
 
 _HOW_TO = """\
 Scene of the Mantis Marker for stock Mitsuba 3.9, one file per light. Lengths are millimetres, radiance is W m-2 sr-1.
@@ -36,10 +49,15 @@ square and as wide as the camera's columns.
 
 
 def export_scene(view: View, strengths: Mapping[str, Spectrum], folder: Path) -> None:
-    """Write led.xml, sun.xml, earth.xml where there is one, meshes/, spectra/ and README.txt into a folder, in absolute units.
+    """Write led.xml, sun.xml, earth.xml (where there is an Earth), meshes/, spectra/ and README.txt, in absolute units.
 
     Args:
-        strengths: on-axis intensity of the whole ring, irradiance of the Sun and radiance of the Earth, by light.
+        view: what to export.
+        strengths: by light: on-axis intensity of the whole LED ring, irradiance of the Sun, radiance of the Earth.
+        folder: where the files go.
+
+    Raises:
+        ValueError: for a lens with distortion, which Mitsuba's own camera cannot have.
     """
     camera = view.camera
     rows = round(camera.height_px * camera.pixel_pitch_y_m / camera.pixel_pitch_x_m)

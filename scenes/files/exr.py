@@ -1,6 +1,7 @@
 """Transport bases and electron images as OpenEXR files with named float32 layers and typed attributes.
 
-A layer is one channel, ``<light>.nm<wavelength>``, say ``led.nm0850``; a draw of the renderer's error is ``<light>.noise``.
+A layer is one channel, ``<light>.nm<wavelength>``, for example ``led.nm0850``. A sample of the renderer's error is
+``<light>.noise``.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.atomic import atomic_write
-from scenes.render.transport import UNITS, TransportBasis
+from scenes.view import UNITS, TransportBasis
 
 _LAYER = re.compile(r"(led|sun|earth)\.nm(\d{4})\Z")
 _NOISE = ".noise"
@@ -23,7 +24,15 @@ _PREFIX = "mantis_"
 
 
 def write_basis(basis: TransportBasis, path: Path | str) -> None:
-    """Write every layer, its unit and the basis's attributes (names prefixed ``mantis_``)."""
+    """Write every layer, its unit, and the attributes of the basis (their names prefixed with ``mantis_``).
+
+    Args:
+        basis: of any view.
+        path: of the EXR file.
+
+    Raises:
+        OSError: when the file cannot be written.
+    """
     channels = {
         f"{light}.nm{node:04d}": np.ascontiguousarray(images[k])
         for light, images in basis.layers.items()
@@ -36,6 +45,9 @@ def write_basis(basis: TransportBasis, path: Path | str) -> None:
 
 def read_basis(path: Path | str) -> TransportBasis:
     """Read a transport basis.
+
+    Args:
+        path: of the EXR file.
 
     Raises:
         FileNotFoundError: when there is no such file.
@@ -71,8 +83,13 @@ def write_channels(
 ) -> None:
     """Write float32 channels and attributes to a ZIP-compressed EXR, whole or not at all.
 
+    Args:
+        channels: images (height, width) by name.
+        attributes: by name, without prefix.
+        path: of the EXR file.
+
     Raises:
-        OSError: when it cannot be written.
+        OSError: when the file cannot be written.
     """
     import OpenEXR
 
@@ -99,7 +116,13 @@ def _silence() -> Iterator[None]:
 
 
 def read_channels(path: Path | str) -> tuple[dict[str, NDArray[np.float32]], dict[str, str | float]]:
-    """All channels as float32 and this project's attributes, without their prefix.
+    """Read all channels as float32, and this project's attributes without their prefix.
+
+    Args:
+        path: of the EXR file.
+
+    Returns:
+        Images (height, width) by name, and attributes by name.
 
     Raises:
         FileNotFoundError: when there is no such file.

@@ -1,7 +1,7 @@
-"""The marker as things to make and to render: printable solids, an OBJ with materials, a tape sheet, its feature points.
+"""The marker as things to make and to render: printable solids, an OBJ with materials, a tape sheet, and its feature points.
 
-The body is a set of closed convex prisms that touch or overlap slightly, which every slicer joins: a back plate, the block
-around the cavities, the wedges of the slanted end walls, and the slats.
+The body is a set of closed convex prisms that touch or overlap slightly, so that every slicer joins them: a back plate, the
+block around the cavities, the wedges of the slanted end walls, and the slats.
 """
 
 from __future__ import annotations
@@ -18,14 +18,35 @@ from scenes.marker import Element, MarkerDesign
 #: Triangles of a hexahedron whose corners are bottom 0-3 and top 4-7, both counter-clockwise as seen from above.
 _FACES = np.array(
     [
-        [0, 2, 1], [0, 3, 2], [4, 5, 6], [4, 6, 7], [0, 1, 5], [0, 5, 4],
-        [1, 2, 6], [1, 6, 5], [2, 3, 7], [2, 7, 6], [3, 0, 4], [3, 4, 7],
+        [0, 2, 1],
+        [0, 3, 2],
+        [4, 5, 6],
+        [4, 6, 7],
+        [0, 1, 5],
+        [0, 5, 4],
+        [1, 2, 6],
+        [1, 6, 5],
+        [2, 3, 7],
+        [2, 7, 6],
+        [3, 0, 4],
+        [3, 4, 7],
     ]
-)  # fmt: skip
+)
 
 
 def write_marker_files(marker: MarkerDesign, folder: Path) -> list[Path]:
-    """Write marker.stl [mm], marker.obj and marker.mtl [m], tape.svg (true to scale) and marker.json; returns their paths."""
+    """Write marker.stl [mm], marker.obj and marker.mtl [m], tape.svg (true to scale) and marker.json.
+
+    Args:
+        marker: the design.
+        folder: where the files go.
+
+    Returns:
+        Paths of the files.
+
+    Raises:
+        OSError: when a file cannot be written.
+    """
     writers = {
         "marker.stl": lambda: _stl(body_solids(marker)),
         "marker.obj": lambda: _obj(marker).encode(),
@@ -42,7 +63,11 @@ def write_marker_files(marker: MarkerDesign, folder: Path) -> list[Path]:
 
 
 def feature_points(marker: MarkerDesign) -> dict[str, object]:
-    """Plain data in the marker frame [m]: corners, virtual points, element frames and the design itself."""
+    """Corners, virtual points, frames of the elements and the design itself as plain data in the marker frame [m].
+
+    Args:
+        marker: the design.
+    """
     return {
         "unit": "m",
         "frame": "origin at the centre of the front plane, x right, y up, z out of the face",
@@ -50,19 +75,32 @@ def feature_points(marker: MarkerDesign) -> dict[str, object]:
         "virtual_points": {name: point.tolist() for name, point in marker.virtual_points_m.items()},
         "elements": {
             e.name: {
-                "centre": e.centre_m.tolist(), "along": e.along.tolist(), "across": e.across.tolist(),
-                "length": e.length_m, "width": e.width_m, "depth": e.depth_m, "shift": e.shift_m,
-                "virtual_offset": e.virtual_offset_m, "virtual_depth": e.virtual_depth_m,
+                "centre": e.centre_m.tolist(),
+                "along": e.along.tolist(),
+                "across": e.across.tolist(),
+                "length": e.length_m,
+                "width": e.width_m,
+                "depth": e.depth_m,
+                "shift": e.shift_m,
+                "virtual_offset": e.virtual_offset_m,
+                "virtual_depth": e.virtual_depth_m,
             }
             for e in marker.elements
         },
         "shortcomings": list(marker.shortcomings()),
         "design": marker.model_dump(mode="json"),
-    }  # fmt: skip
+    }
 
 
 def body_solids(marker: MarkerDesign) -> FloatArray:
-    """The body as closed hexahedra, (n, 8, 3) [m]: bottom face 0-3 and top face 4-7, counter-clockwise from above."""
+    """The marker's body as closed hexahedra.
+
+    Args:
+        marker: the design.
+
+    Returns:
+        Corners (n, 8, 3) [m]: bottom face 0-3 and top face 4-7, both counter-clockwise from above.
+    """
     half, depth, back = marker.size_m / 2, marker.element_depth_m, marker.thickness_m
     solids = [_box(-half, half, -half, half, -back, -depth)]
     solids += [_box(x0, x1, y0, y1, -depth, 0.0) for x0, x1, y0, y1, _ in marker.plane_cells()]
@@ -143,7 +181,11 @@ def _obj(marker: MarkerDesign) -> str:
 
 
 def tape_sheet(marker: MarkerDesign) -> str:
-    """SVG, one user unit a millimetre: every piece of tape to cut, front cells in place and cavity floors beside them."""
+    """SVG of every piece of tape to cut, one user unit per millimetre: front cells in place, floors of the cavities beside them.
+
+    Args:
+        marker: the design.
+    """
     mm = 1000.0
     size, gap = marker.size_m * mm, 10.0
     pieces = [

@@ -1,1 +1,8 @@
-"""What of the marker shows where in the image, in closed form."""
+"""Where the parts of the marker show in the image, in closed form. Nothing here renders."""
+
+__all__ = [
+    "bits",
+    "frame_light",
+    "regions",
+    "visible",
+]

@@ -14,7 +14,11 @@ _ACROSS = 32
 
 
 def bit_scale_px(scene_view: View) -> tuple[float, float]:
-    """Pixels per metre along the marker's x and y axes at its centre, foreshortening included."""
+    """Pixels per metre along the marker's x and y axes at its centre, foreshortening included.
+
+    Args:
+        scene_view: of the marker.
+    """
     step = 1e-4
     ends = scene_view.to_image(np.array([[step, 0, 0], [-step, 0, 0], [0, step, 0], [0, -step, 0]]))
     return (
@@ -24,9 +28,16 @@ def bit_scale_px(scene_view: View) -> tuple[float, float]:
 
 
 def bit_pixels(scene_view: View, centres_m: FloatArray) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
-    """Pixels (rows, columns) that count as each bit: within `link.sampling_window_px` of its centre, the nearest at least.
+    """Pixels that count as each bit: those within `link.sampling_window_px` of its centre, or else the nearest one.
 
-    Of a wide window every second, third … row and column, so that no more than `_ACROSS` lie across it.
+    Of a wide window every second, third … row and column is taken, so that no more than `_ACROSS` pixels lie across it.
+
+    Args:
+        scene_view: of the marker.
+        centres_m: centres of the bits in the marker frame, (n, 3) [m].
+
+    Returns:
+        For each bit, rows (k,) and columns (k,) of its pixels; empty where the bit lies outside the frame.
     """
     scale = np.array(bit_scale_px(scene_view))
     half = link.sampling_window_px(scene_view.marker.bit_m * scale) / 2

@@ -1,4 +1,4 @@
-"""Mean electron rate of a whole frame in the closed form: the light that veiling glare spreads."""
+"""Mean electron rate of a whole frame in closed form: the light that veiling glare spreads over the frame."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from radiometry.geometry import FloatArray
 from scenes.projection.visible import visible_tape
-from scenes.render.transport import View
+from scenes.view import View
 
 #: Electron rate (n,) of points (n, 3) of the marker's plane, were they of a material.
 Rate = Callable[[FloatArray, str], FloatArray]
@@ -20,9 +20,14 @@ _ACROSS, _DOWN = 32, 24
 def mean_frame_rate(view: View, rate: Rate) -> float:
     """Mean electron rate of a frame's pixels [e⁻/s].
 
-    The face counts as a flat sheet in the marker's plane, sampled on a grid of the frame; the marker by the areas of tape and of
-    the rest in the image, lit as at its centre. An Earth behind the target is left out. Against rendered frames from 1 to 20 m
-    this is within 3 % for a flat face, and up to 25 % too bright for the default crinkled foil, whose facets turn gloss away.
+    The face counts as a flat sheet in the marker's plane and is sampled on a grid of the frame. The marker counts by the
+    areas of tape and of the rest in the image, both lit as at the marker's centre. An Earth behind the target is left out.
+    Against rendered frames from 1 to 20 m the result is within 3 % for a flat face. For the default crinkled foil, whose
+    facets turn gloss away, it is up to 25 % too bright.
+
+    Args:
+        view: of the target.
+        rate: electron rate (n,) [e⁻/s] that points (n, 3) of the marker's plane [m] would give if they were of a material.
     """
     camera, target, marker = view.camera, view.target, view.marker
     columns = (np.arange(_ACROSS) + 0.5) * camera.width_px / _ACROSS - 0.5

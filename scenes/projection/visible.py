@@ -1,4 +1,4 @@
-"""What the camera sees of the marker: tape on the plane, tape through slits, and what the marker hides of the face."""
+"""What the camera sees of the marker: tape on its plane and through its slits; and what the marker hides of the face."""
 
 from __future__ import annotations
 
@@ -9,19 +9,25 @@ from scipy.spatial import ConvexHull
 
 from radiometry.geometry import FloatArray
 from scenes.marker import Element, MarkerDesign
-from scenes.render.transport import View
 from scenes.target import face_mesh
+from scenes.view import View
 
 #: Sine of the Sun's height below which it gives the face nothing, while the marker's shadow is endless.
 _GRAZING = 1e-6
 
 
 def visible_tape(view: View) -> tuple[FloatArray, FloatArray]:
-    """Quadrilaterals of the image (m, 4, 2) [px] in which the camera sees tape, and the share of each that is tape (m,).
+    """Where the camera sees tape, and how much of each place is tape.
 
-    Printed cells count fully. Behind an element's opening, each slit counts with the share of its pitch through which the floor
-    is seen, in the strip that the side walls leave free. The light's way in is taken to be the camera's way out: so it is for
-    the LEDs, while the Sun, which stands aside, reaches less of the floors.
+    Printed cells count fully. Behind an element's opening, each slit counts with the share of its pitch through which the
+    floor is seen, in the strip that the side walls leave free. Light is taken to come in as it goes out to the camera. That
+    is right for the LEDs; the Sun stands aside and reaches less of the floors.
+
+    Args:
+        view: of the marker.
+
+    Returns:
+        Quadrilaterals of the image (m, 4, 2) [px], and the share of each that is tape, (m,).
     """
     camera = view.to_marker(np.zeros(3))
     x0, x1, y0, y1 = view.marker.reflective_rectangles_m().T
@@ -35,10 +41,16 @@ def visible_tape(view: View) -> tuple[FloatArray, FloatArray]:
 
 
 def hidden_face(view: View) -> dict[str, FloatArray]:
-    """Outlines in the image (k, 2) [px], convex, of what the marker hides of the face: from the camera, and also from the Sun.
+    """Convex outlines, in the image, of what the marker hides of the face.
 
-    By light: what stands beside the LEDs' camera is lit wherever it is seen; the Sun's shadow widens the outline, by the
-    hull of both. The face is taken as flat, at its mean depth.
+    For the LEDs it is what the marker hides from the camera, because they stand beside it. For the Sun it is the hull of
+    that and of the marker's shadow. The face counts as flat, at its mean depth.
+
+    Args:
+        view: of the target.
+
+    Returns:
+        Outlines (k, 2) [px] by light, 'led' and 'sun'.
     """
     half, back = view.marker.size_m / 2, -view.marker.thickness_m
     square = half * np.array([[-1, 1], [1, 1], [1, -1], [-1, -1]])
@@ -57,7 +69,7 @@ def _hull(points: FloatArray) -> FloatArray:
 
 
 def _slits(marker: MarkerDesign, e: Element, camera_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Corners (n, 4, 2) of an element's slits on the front plane [m] and the share of each through which its floor shows."""
+    """Corners of an element's slits on the front plane (n, 4, 2) [m], and the share of each that shows its floor (n,)."""
     edges = np.linspace(-e.length_m / 2, e.length_m / 2, marker.slit_count + 1)
     u, pitch = (edges[:-1] + edges[1:]) / 2, e.length_m / marker.slit_count
     fall = e.depth_m / camera_m[2]  # of a line of sight: sideways per distance off the camera's foot, down to the floor

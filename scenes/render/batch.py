@@ -1,9 +1,10 @@
-"""Many views rendered together: rays of all of them are lanes of one kernel launch, so many lanes at a time.
+"""Many views rendered together: the rays of all of them are lanes of one kernel launch, a fixed number of lanes at a time.
 
-A view's frame is sampled coarsely, its marker densely, the elements more densely than the ArUco. Every pixel has a lattice of
-rays, each of which counts, weighted by the point spread ⊗ pixel kernel where it is, in all pixels around it, so that neighbours
-share rays. ArUco and elements are rendered twice with independent lattices; the mean is the result and half the difference a
-draw of its error. A view's image depends on the view and the quality alone, not on what is rendered beside it.
+The frame of a view is sampled coarsely, its marker densely, and the elements more densely than the ArUco. Every pixel has a
+lattice of rays. Each ray counts in all pixels around it, weighted by the point spread ⊗ pixel kernel at its place, so that
+neighbours share rays. ArUco and elements are rendered twice with independent lattices: the mean is the result, and half the
+difference is a sample of its error. The image of a view depends on the view and the quality alone, not on what is rendered
+beside it.
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ from numpy.typing import NDArray
 
 from scenes.projection.regions import Box
 from scenes.render.image import Image, Part, ViewImage
-from scenes.render.tracer import BLOCK, Kind, Segment, Traced, trace
+from scenes.render.lanes import BLOCK, Segment
+from scenes.render.tracer import Kind, Traced, trace
 from scenes.view import Quality, TransportBasis, View
 
 #: Lanes traced at once: eight numbers a lane and two launches under way take half a gigabyte.
@@ -29,11 +31,13 @@ _JOB_LANES = 2**20
 
 
 def render_bases(views: Iterable[View], quality: Quality | None = None) -> Iterator[TransportBasis]:
-    """Render every light of many views, in order; those in a row that differ only in pose and lights share kernel launches.
+    """Render every light of many views, in order.
+
+    Views in a row that differ only in pose and lights share kernel launches.
 
     Args:
         views: taken as they are needed, some way ahead of the results.
-        quality: of all; default `Quality()`.
+        quality: of all of them; default `Quality()`.
 
     Raises:
         RuntimeError: when no Mitsuba variant can run here.
@@ -43,7 +47,14 @@ def render_bases(views: Iterable[View], quality: Quality | None = None) -> Itera
 
 
 def render_cases(cases: Iterable[tuple[View, Quality]]) -> Iterator[TransportBasis]:
-    """As `render_bases`, every view with a quality of its own."""
+    """Render every light of many views, each with a quality of its own, in order; see `render_bases`.
+
+    Args:
+        cases: views with their qualities, taken as they are needed.
+
+    Raises:
+        RuntimeError: when no Mitsuba variant can run here.
+    """
     from scenes.llvm import activate_variant
 
     if activate_variant().startswith("scalar"):
@@ -56,8 +67,11 @@ def render_cases(cases: Iterable[tuple[View, Quality]]) -> Iterator[TransportBas
 
 
 def _render_alike(images: Iterable[ViewImage]) -> Iterator[TransportBasis]:
-    """Render views of one kind. One launch is gathered while the next is traced; views that need more rays get them with a later
-    one, and are handed over in their turn."""
+    """Render views of one kind.
+
+    One launch is gathered while the next is traced. Views that need more rays get them with a later launch; the results
+    still come in the order of the views.
+    """
     flying: deque[tuple[list[_Job], list[Traced]]] = deque()
     order: deque[ViewImage] = deque()
     done: set[ViewImage] = set()
@@ -93,7 +107,7 @@ def _render_alike(images: Iterable[ViewImage]) -> Iterator[TransportBasis]:
 
 
 def _batches(jobs: Iterable[_Job]) -> Iterator[list[_Job]]:
-    """Jobs in lists of `LANES` lanes or little more, of `_VIEWS` views at most."""
+    """Jobs in lists of `LANES` lanes or slightly more, from at most `_VIEWS` views."""
     batch: list[_Job] = []
     lanes = views = 0
     for job in jobs:
@@ -114,7 +128,7 @@ def _launch(jobs: list[_Job]) -> tuple[list[_Job], list[Traced]]:
 
 
 def _gather(jobs: list[_Job], traced: list[Traced]) -> Iterator[ViewImage]:
-    """Let every job's image take its lanes; yields the images that have all they asked for thereby."""
+    """Give every job's lanes to its image; yields each image that has then received everything it asked for."""
     spectra: dict[str, list[Image]] = {}
     for group in traced:
         for light, arrays in group.arrays().items():
@@ -129,7 +143,7 @@ def _gather(jobs: list[_Job], traced: list[Traced]) -> Iterator[ViewImage]:
 
 
 def _jobs(image: ViewImage, parts: list[Part]) -> Iterator[_Job]:
-    """Parts of a view in pieces of `_JOB_LANES` lanes or little more."""
+    """Parts of a view in pieces of `_JOB_LANES` lanes or slightly more."""
     pieces = [piece for part in parts for piece in _pieces(part)]
     for k, (part, tiles) in enumerate(pieces):
         yield _Job(image, part, tiles, last=k == len(pieces) - 1)
@@ -148,7 +162,7 @@ def _pieces(part: Part) -> Iterator[tuple[Part, Box | NDArray[np.int32]]]:
 
 
 def _block_width(width: int, count: int) -> int:
-    """Columns traced of a box of pixels with so many rays each: whole blocks of lanes."""
+    """Columns to trace of a box with a number of rays per pixel, so that they fill whole blocks of lanes."""
     per_block = max(1, BLOCK // count)
     return -(-width // per_block) * per_block
 

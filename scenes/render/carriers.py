@@ -1,7 +1,7 @@
-"""Few wavelengths carry all: a ray's radiance is linear in the reflectances of what it meets.
+"""A few wavelengths that carry all others: the radiance of a ray is linear in the reflectances of what it hits.
 
-Every material's lobes have one spectrum each, so that transport at any wavelength is a fixed combination of transport at as many
-wavelengths as those spectra have independent shapes: one where all are flat.
+The lobes of a material have one spectrum each. Transport at any wavelength is therefore a fixed combination of transport at
+as many wavelengths as those spectra have independent shapes: a single one where all spectra are flat.
 """
 
 from __future__ import annotations

@@ -15,16 +15,19 @@ _CORE_CHORD2 = float(np.radians(0.1) ** 2)
 def earth_radiance(
     interaction: SurfaceInteraction, ray: Any, to_earth: Any, radius_rad: Any, draws: list[Any], back_to_viewer: bool
 ) -> Any:
-    """Radiance that each ray finds, per unit radiance of the disc: of the surface it hits, or of the disc itself behind it.
+    """Radiance along each ray per unit radiance of the disc: of the surface that the ray hits, or of the disc itself behind it.
 
-    One direction a ray, evenly over the disc's solid angle. Where the disc stands about the camera a second one is drawn about
-    the direction to it, with a density ∝ 1/(chord² + core²), for tape sends back there what it gets from there; both are
-    weighted by the sum of their densities (balance heuristic; Veach and Guibas, SIGGRAPH 1995).
+    One direction per ray is drawn evenly over the solid angle of the disc. Where the disc surrounds the camera, a second
+    one is drawn about the direction to the camera, because tape sends back there what arrives from there; its density is ∝
+    1/(chord² + core²). Both are weighted by the sum of their densities (balance heuristic; Veach and Guibas, SIGGRAPH
+    1995).
 
     Args:
-        to_earth: unit vector to the centre of the disc, in the scene's frame, a lane.
-        radius_rad: half the angle that the disc fills, a lane.
-        draws: four numbers in 0 … 1 a ray.
+        interaction: what the rays hit.
+        ray: the camera's rays, a lane each.
+        to_earth: unit vector to the centre of the disc, in the scene's frame, a lane each.
+        radius_rad: half the angle that the disc fills, a lane each [rad].
+        draws: four numbers in 0 … 1 per ray.
         back_to_viewer: whether the second direction is drawn.
     """
     import drjit as dr

@@ -1,4 +1,4 @@
-"""One view's pixels: which rays they get, and how they gather them."""
+"""The pixels of one view: which rays they get, and how they gather them."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from numpy.typing import NDArray
 from radiometry.geometry import FloatArray
 from scenes.projection.regions import (
     Box,
+    dilated,
     edge_normals,
-    even_pixels,
     frame_box,
     marker_box,
     marker_pixels,
     target_box,
-    widened,
+    uniform_pixels,
 )
 from scenes.render import density, lattice
 from scenes.render.carriers import carriers
-from scenes.render.tracer import BLOCK, CHOICES, Segment
+from scenes.render.lanes import BLOCK, CHOICES, Segment
 from scenes.view import Quality, TransportBasis, View
 
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-#: A point spread wider than the first [px] is gathered with the second, and the pixels are blurred by the rest. What a pixel of
-#: that spread cannot carry, frequencies beyond half a cycle a pixel, is then below 1e-4.
+#: A point spread wider than the first [px] is gathered with the second, and the pixels are blurred by the rest. What
+#: pixels of such a spread cannot carry, frequencies beyond half a cycle per pixel, is then below 1e-4.
 _WIDE_PX, _BASE_PX = 1.2, 0.8
 #: Rays a pixel of the marker's plate, between and around its ArUco and elements.
 _PLATE_RAYS = 16
@@ -43,10 +43,11 @@ class Part:
     """Pixels that share a lattice.
 
     Attributes:
+        segment: the view and the lattice.
         tiles: a box, or columns and rows (n, 2).
         half: which of the two renderings it belongs to, or None for both.
-        sign: 1, or −1 to take away what has been added.
-        like: the lattice beside these pixels, in whose place they have fewer rays; None for none.
+        sign: 1, or −1 to remove what was added before.
+        like: the lattice of the neighbouring pixels, where these pixels have fewer rays in its place; None for none.
     """
 
     segment: Segment
@@ -58,7 +59,10 @@ class Part:
 
 @dataclass
 class _Layer:
-    """Pixels of a part of the marker with one lattice in each half: `mask` on the patch, and those of them that need few rays."""
+    """A part of the marker that has one lattice in each half.
+
+    `mask` marks its pixels on the patch, `even` those pixels of uniform light that need few rays.
+    """
 
     name: str
     mask: Mask
@@ -75,8 +79,8 @@ class _Layer:
 class ViewImage:
     """Collects the rays of one view.
 
-    Pixels are gathered on the frame grown by the blur that a wide point spread needs (`_canvas`); those around the marker
-    (`_patch`) on its box grown by the kernel's reach (`_zone`), twice.
+    Pixels are gathered on the frame, grown by the blur that a wide point spread needs (`_canvas`). Those around the marker
+    (`_patch`) are gathered twice, on the marker's box grown by the reach of the kernel (`_zone`).
     """
 
     def __init__(self, view: View, quality: Quality) -> None:
@@ -122,14 +126,14 @@ class ViewImage:
         reach = self._reach + int(np.ceil(lattice.REACH_SIGMA * self._blur))
         masks, taken = {}, np.zeros_like(seen.aruco)
         for name in ("blob", "aruco", "slats"):  # where they meet, the densest counts
-            masks[name] = widened(self._pixels[name], reach) & ~taken
+            masks[name] = dilated(self._pixels[name], reach) & ~taken
             taken |= masks[name]
         rays = density.rays_per_pixel(self.quality, {name: int(mask.sum()) for name, mask in masks.items()})
         if min(rays.values()) < BLOCK:  # the whole patch evenly
             everywhere = np.ones_like(taken)
             self._layers = [_Layer("", everywhere, self._both(min(rays.values()), 1), ~everywhere)]
             return [Part(segment, patch, half) for half, segment in enumerate(self._layers[0].segments)]
-        even = even_pixels(self.view, patch)
+        even = uniform_pixels(self.view, patch)
         self._layers = [
             _Layer(name, mask, self._both(rays[name], stream), even)
             for stream, (name, mask) in enumerate(masks.items(), 1)
@@ -154,22 +158,23 @@ class ViewImage:
         return np.stack([column + self._patch.x0, row + self._patch.y0], axis=-1).astype(np.int32)
 
     def _frame_parts(self, seen: Box) -> list[Part]:
-        """All of the frame that may show the target or the Earth's disc, around the marker's box; none where it may stay dark."""
+        """The rest of the frame that may show the target or the Earth's disc; nothing where it may stay dark."""
         if self.quality.frame_samples == 0:
             return []
         box = seen if self.view.earth is not None else target_box(self.view).within(seen)
         return [Part(self._frame_segment, part, None) for part in box.around(self._patch.within(box))]
 
     def more(self) -> list[Part]:
-        """What is to be traced and added next, because pixels of the marker are noisier than the quality allows.
+        """What to trace and add next, because pixels of the marker are noisier than the quality allows.
 
-        Their rays are taken away and more put in their place; empty when all is well or the rays are used up.
+        The rays of these pixels are removed and more of them take their place. Empty when all is well or the rays are used
+        up.
         """
         if self._plate is None or self._round == _ROUNDS:
             return []
         self._round += 1
         found = self._found = self._fractions()
-        noisy = widened(found > self.quality.variance_fraction, self._reach)
+        noisy = dilated(found > self.quality.variance_fraction, self._reach)
         spent = sum(layer.rays for layer in self._layers)
         parts: list[Part] = []
         for layer in list(self._layers):
@@ -177,7 +182,7 @@ class ViewImage:
             if not mask.any():
                 continue
             before = layer.segments[0].count
-            after = density.more_rays(before, float(found[widened(mask, self._reach)].max()), self.quality)
+            after = density.more_rays(before, float(found[dilated(mask, self._reach)].max()), self.quality)
             stream = len(density.PARTS) + 1 + self._round * len(density.PARTS) + density.PARTS.index(layer.name)
             dense = _Layer(layer.name, mask, self._both(after, stream), np.zeros_like(mask))
             away = replace(layer, mask=mask)
@@ -194,7 +199,13 @@ class ViewImage:
     # --- gathering
 
     def add_box(self, part: Part, box: Box, channels: list[Image]) -> None:
-        """Add the rays (height, width, rays) of a box of pixels, by channel."""
+        """Add the rays of a box of pixels.
+
+        Args:
+            part: that the box belongs to.
+            box: the pixels.
+            channels: by light and wavelength, (height, width, rays).
+        """
         reach, target = self._reach, self._common if part.half is None else self._halves[part.half]
         origin = self._canvas if part.half is None else self._zone
         grown = box.grown(reach)
@@ -208,7 +219,13 @@ class ViewImage:
                 image[there] += _filtered(rays, across[s], along[s] / len(positions))[here]
 
     def add_tiles(self, part: Part, tiles: NDArray[np.int32], channels: list[Image]) -> None:
-        """Add the rays (pixels, rays) of single pixels, by channel."""
+        """Add the rays of single pixels.
+
+        Args:
+            part: that the pixels belong to.
+            tiles: columns and rows of the pixels, (n, 2).
+            channels: by light and wavelength, (n, rays).
+        """
         table = self._table(part.segment)
         if part.like is not None:
             table = lattice.in_place_of(table, self._table(part.like))
@@ -224,7 +241,7 @@ class ViewImage:
                 self._halves[half, k] += part.sign * spread.reshape(zone.height, zone.width)
 
     def finish(self) -> TransportBasis:
-        """The view's basis, once all its parts have been added; its arrays are used up thereby."""
+        """The basis of the view, once all its parts have been added. This uses up the arrays."""
         view, canvas = self.view, self._canvas
         statement = self._statement()
         images = self._common
@@ -245,7 +262,7 @@ class ViewImage:
         return TransportBasis(view.nodes_nm, layers, statement, draws)
 
     def _patch_image(self) -> tuple[Box, FloatArray, FloatArray] | None:
-        """Where the marker's surroundings reach in the canvas, their channels there, and a draw of their noise by light.
+        """The part of the canvas that the marker's surroundings cover, its channels, and a sample of their noise by light.
 
         The noise is averaged over the wavelengths.
         """
@@ -268,8 +285,8 @@ class ViewImage:
     def _fractions(self) -> FloatArray:
         """The renderer's variance over shot variance on the patch's pixels of ArUco and elements.
 
-        The largest of the lights, each by itself in the exposure that brings the ArUco's brightest pixels to the charge that
-        the quality names.
+        The largest of the lights counts. Each light is taken by itself, in the exposure that brings the ArUco's brightest
+        pixels to the charge that the quality names.
         """
         result = np.zeros((self._patch.height, self._patch.width))
         seen = self._patch.within(frame_box(self.view))
@@ -283,12 +300,12 @@ class ViewImage:
             image = self._blurred(level.astype(np.float32))[from_here]
             draw = self._blurred(noise[k].astype(np.float32))[from_here]
             scale = density.electrons_per_radiance(image[self._pixels["aruco"][on_patch]], self.quality)
-            found = density.fractions(draw * scale, image * scale, pixels)
+            found = density.variance_fractions(draw * scale, image * scale, pixels)
             result[on_patch] = np.maximum(result[on_patch], found)
         return result
 
     def _statement(self) -> dict[str, str | float]:
-        """Mean rays a pixel and largest fraction of shot variance, by part of the marker, and the charge that it is told for."""
+        """Rays per pixel and largest share of shot variance by part of the marker, and the charge at which it holds."""
         if not self._pixels:
             return {}
         told: dict[str, str | float] = {"shot_noise_electrons": self.quality.electrons}
@@ -303,7 +320,7 @@ class ViewImage:
         return told
 
     def _weight(self, half: int) -> FloatArray:
-        """Sum of the weights that each pixel of the zone gathered: one but for seams between lattices."""
+        """Sum of the weights that each pixel of the zone gathered: one except along seams between lattices."""
         reach = self._reach
         outside = np.ones((self._patch.height + 4 * reach, self._patch.width + 4 * reach), np.float32)
         inner = (slice(2 * reach, -2 * reach),) * 2 if reach else (slice(None),) * 2
@@ -325,7 +342,7 @@ class ViewImage:
         return np.asarray(cv2.filter2D(mask, cv2.CV_32F, kernel, borderType=cv2.BORDER_CONSTANT), np.float32)
 
     def _table(self, segment: Segment) -> Image:
-        """Weights of a segment's rays, worked out once."""
+        """Weights of a segment's rays, computed once."""
         if segment not in self._tables:
             self._tables[segment] = lattice.weights(segment.positions, self._sigma)
         return self._tables[segment]
@@ -343,7 +360,7 @@ def _filtered(image: Image, across: FloatArray, along: FloatArray) -> Image:
 
 
 def _product(rows: Image, table: Image) -> Image:
-    """rows @ table in small pieces, for which BLAS starts no threads: they would fight with the renderer's."""
+    """rows @ table in small pieces, for which BLAS starts no threads: they would compete with the renderer's."""
     whole = len(rows) // _PRODUCT_ROWS * _PRODUCT_ROWS
     pieces = rows[:whole].reshape(-1, _PRODUCT_ROWS, rows.shape[1])
     return np.concatenate([(pieces @ table).reshape(whole, table.shape[1]), rows[whole:] @ table])

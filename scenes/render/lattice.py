@@ -1,10 +1,11 @@
-"""Where the rays of a pixel go: shifted rank-1 lattices, and the weights with which pixels gather them.
+"""Where the rays of a pixel go: shifted rank-1 lattices, and the weights with which pixels gather the rays.
 
-All pixels of one density share a lattice that repeats from pixel to pixel: points (s/N, s g mod N / N), shifted at random as a
-whole (Sloan and Joe, Lattice Methods for Multiple Integration, 1994). The shift makes a pixel's mean unbiased. A pixel's error is
-the sum of the image's spectrum, smoothed by the point spread, over the points of the dual lattice {h: h₁ + g h₂ ≡ 0 mod N}; an
-edge's spectrum lies along its normal. So the generator g is chosen for each view such that the duals stay away from the two
-directions in which the marker's edges, slats and bits run. The variance then falls with N² instead of jitter's N^1.5.
+All pixels of one density share a lattice that repeats from pixel to pixel: points (s/N, s g mod N / N), shifted at random
+as a whole (Sloan and Joe, Lattice Methods for Multiple Integration, 1994). The shift makes the mean of a pixel unbiased.
+The error of a pixel is the sum of the image's spectrum, smoothed by the point spread, over the points of the dual lattice
+{h: h₁ + g h₂ ≡ 0 mod N}. The spectrum of an edge lies along its normal. For each view the generator g is therefore chosen
+such that the duals stay away from the two directions in which the marker's edges, slats and bits run. The variance then
+falls with N², against N^1.5 for jitter.
 """
 
 from __future__ import annotations
@@ -22,28 +23,48 @@ from radiometry.geometry import FloatArray
 REACH_SIGMA = 4.0
 #: Most generators tried for a lattice.
 _CANDIDATES = 32
-#: Point spread for which a generator is judged [px]: a duller image forgives more.
+#: Point spread for which a generator is judged [px]; a more blurred image forgives more.
 _JUDGED_SIGMA_PX = 0.5
 #: Weight of what lies beside an edge's normal in the spectrum: edges end, and perspective turns them.
 _ENDS = 0.02
 
 
 def reach_px(psf_sigma_px: float) -> int:
-    """Pixels by which a ray's own pixel can lie off a pixel that gathers it, along either axis."""
+    """Largest distance, along either axis, between a ray's own pixel and a pixel that gathers it [px].
+
+    Args:
+        psf_sigma_px: standard deviation of the point spread [px].
+    """
     return int(np.ceil(1.0 + REACH_SIGMA * psf_sigma_px)) - 1
 
 
 def points(count: int, generator: int, shift: FloatArray) -> FloatArray:
-    """Positions (count, 2) in a pixel, −0.5 … 0.5 from its centre, of a lattice shifted by (2,) in 0 … 1."""
+    """Positions in a pixel of the points of a shifted lattice.
+
+    Args:
+        count: number of points N.
+        generator: generator g.
+        shift: of the whole lattice, (2,) in 0 … 1.
+
+    Returns:
+        (count, 2), −0.5 … 0.5 from the pixel's centre [px].
+    """
     index = np.arange(count)
     unit = np.stack([index, index * generator % count], axis=-1) / count
     return (unit + shift) % 1.0 - 0.5
 
 
 def axis_weights(positions_px: FloatArray, psf_sigma_px: float) -> FloatArray:
-    """The kernel, point spread ⊗ pixel, of the pixels at −r … r along an axis, at positions (n,) in pixel 0: (n, 2r+1).
+    """Weights of the kernel, point spread ⊗ pixel, with which pixels at −r … r along an axis gather rays in pixel 0.
 
-    Over all pixels it adds up to one, whatever the position; so do the weights, for all that the reach cuts off.
+    The weights of one ray add up to one, although the kernel is cut off at the reach r.
+
+    Args:
+        positions_px: of the rays along the axis, (n,), −0.5 … 0.5 [px].
+        psf_sigma_px: standard deviation of the point spread [px].
+
+    Returns:
+        (n, 2r+1).
     """
     reach = reach_px(psf_sigma_px)
     away = positions_px[:, None] - np.arange(-reach, reach + 1)
@@ -53,27 +74,39 @@ def axis_weights(positions_px: FloatArray, psf_sigma_px: float) -> FloatArray:
 
 
 def weights(positions_px: FloatArray, psf_sigma_px: float) -> NDArray[np.float32]:
-    """Weights (n, (2r+1)²) with which the pixels around one, row by row, gather its rays at positions (n, 2)."""
+    """Weights with which the pixels around one pixel gather its rays.
+
+    Args:
+        positions_px: of the rays in the pixel, (n, 2) [px].
+        psf_sigma_px: standard deviation of the point spread [px].
+
+    Returns:
+        (n, (2r+1)²), the pixels row by row.
+    """
     x, y = (axis_weights(positions_px[:, k], psf_sigma_px) for k in (0, 1))
     table = y[:, :, None] * x[:, None, :] / len(positions_px)
     return table.reshape(len(positions_px), -1).astype(np.float32)
 
 
 def in_place_of(few: NDArray[np.float32], many: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Weights (n, (2r+1)²) of a lattice's rays, scaled so that each pixel gathers as much as from another lattice's.
+    """Weights of a lattice's rays, scaled so that each pixel gathers as much as it would from another lattice.
 
-    Where the light is even over a pixel, few rays then stand for many, without a seam to neighbours that have many.
+    Where light is uniform over a pixel, a few rays then stand for many, without a seam to neighbours that have many.
+
+    Args:
+        few: weights of the lattice, (n, (2r+1)²).
+        many: weights of the lattice in whose place it stands, (m, (2r+1)²).
     """
     own, wanted = few.sum(axis=0), many.sum(axis=0)
     return few * np.where(own > 1e-6, wanted / np.maximum(own, 1e-6), 1.0).astype(np.float32)
 
 
 def generator(count: int, normals: FloatArray, rank: int = 0) -> int:
-    """Generator g of the lattice whose duals keep furthest from two directions in the image.
+    """Generator g of the lattice whose duals stay farthest from two directions in the image.
 
     Args:
-        count: rays a pixel.
-        normals: (2, 2), normals of the two families of edges in the image, x and y of each; any length.
+        count: rays per pixel.
+        normals: normals of the two families of edges in the image, (2, 2), x and y of each; any length.
         rank: 0 for the best generator, 1 for the next.
     """
     if count < 4:

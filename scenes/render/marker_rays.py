@@ -1,9 +1,9 @@
-"""Rays against a Mantis Marker in closed form: several times faster than against its triangles, and the same marker.
+"""Rays against a Mantis Marker in closed form: the same marker as its triangles, several times faster.
 
-The front plane is a table of cells. A slit is a convex cell between two planes through the element's virtual line, the two side
-walls and the floor, open at the front: a ray that enters it meets the first of those planes, and a point in it sees all that a
-straight line through its opening shows. With the virtual line at depth V, w = u₀ + (u − u₀) V / (V + z) is constant on every
-plane through the line and equal to u on the front plane, so that a slit is an interval of w.
+The front plane is a table of cells. A slit is a convex cell between two planes through the element's virtual line, the two
+side walls and the floor, open at the front. A ray that enters it hits the first of those planes. A point in it sees
+everything that a straight line through its opening reaches. With the virtual line at depth V, w = u₀ + (u − u₀) V / (V + z)
+is constant on every plane through the line and equals u on the front plane, so a slit is an interval of w.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from scenes.view import MM_PER_M
 
 @dataclass
 class MarkerHit:
-    """Where rays meet the marker, a lane each.
+    """Where rays hit the marker, a lane each.
 
     Attributes:
-        found: whether the ray goes through the marker's front square, and so meets the marker.
+        found: whether the ray passes through the marker's front square, and so hits the marker.
         distance: along the ray [mm].
-        normal: out of the surface.
-        bright: on the reflective material.
-        floor: on the floor of a slit.
+        normal: of the surface, outwards.
+        bright: whether the surface is reflective.
+        floor: whether it is the floor of a slit.
     """
 
     found: Any
@@ -38,7 +38,12 @@ class MarkerHit:
     _opening: tuple[Any, Any, Any, Any]  # bounds of the slit's opening on the front plane: x0, x1, y0, y1
 
     def sees(self, point: Any, towards: Any) -> Any:
-        """Whether light from a direction reaches the points (in millimetres), on or below the front plane."""
+        """Whether light from a direction reaches the points, which lie on or below the front plane.
+
+        Args:
+            point: points in the marker frame [mm].
+            towards: direction to the light.
+        """
         import drjit as dr
 
         reach = -point.z / towards.z
@@ -49,7 +54,7 @@ class MarkerHit:
 
 
 class MarkerRays:
-    """The closed form of one design, its dimensions data of the kernel."""
+    """One marker design in closed form. Its dimensions are data of the kernel."""
 
     def __init__(self, design: MarkerDesign) -> None:
         import drjit as dr
@@ -76,7 +81,12 @@ class MarkerRays:
         ]
 
     def find(self, origin: Any, direction: Any) -> MarkerHit:
-        """Meet the marker with rays from before it (in millimetres, marker frame)."""
+        """Intersect rays that come from in front of the marker with it.
+
+        Args:
+            origin: of the rays in the marker frame [mm].
+            direction: unit vectors in the marker frame.
+        """
         import drjit as dr
         import mitsuba as mi
 
@@ -135,11 +145,11 @@ class MarkerRays:
         flat = ~inside | floor
         bounds = low, high, place - self._half_width, place + self._half_width
         return MarkerHit(
-            found,
-            distance + dr.select(inside, deeper, 0.0),
-            dr.select(flat, mi.Vector3f(0, 0, 1), wall),
-            dr.select(opening, floor, bright),
-            floor,
-            inside,
-            tuple(dr.select(along_x, bounds[k], bounds[(k + 2) % 4]) for k in range(4)),
+            found=found,
+            distance=distance + dr.select(inside, deeper, 0.0),
+            normal=dr.select(flat, mi.Vector3f(0, 0, 1), wall),
+            bright=dr.select(opening, floor, bright),
+            floor=floor,
+            _inside=inside,
+            _opening=tuple(dr.select(along_x, bounds[k], bounds[(k + 2) % 4]) for k in range(4)),
         )

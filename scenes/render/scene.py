@@ -1,4 +1,4 @@
-"""What rays meet: marker and target as triangles, and the marker in closed form where that holds."""
+"""What rays can hit: marker and target as triangles, and the marker in closed form where that is valid."""
 
 from __future__ import annotations
 
@@ -19,7 +19,14 @@ from scenes.view import MM_PER_M
 
 
 class Scene:
-    """A Mitsuba scene in the marker frame [mm], without lights or sensor: both are data of the tracer."""
+    """A Mitsuba scene in the marker frame [mm], without lights or sensor. Both are data of the tracer.
+
+    Attributes:
+        materials: material of each surface by name; 'retro' and 'absorber' are the first two.
+        solids: the triangles, a Mitsuba scene.
+        shapes: Mitsuba's shapes by name.
+        marker: the marker in closed form, or None where something stands in front of its plane.
+    """
 
     def __init__(self, marker: MarkerDesign, surface: Target) -> None:
         import mitsuba as mi
@@ -58,7 +65,7 @@ class SurfaceInteraction:
     Attributes:
         hit: Mitsuba's interaction, in millimetres.
         valid: whether anything was hit.
-        deep: whether on the floor of a slit.
+        deep: whether the point is on the floor of a slit.
     """
 
     hit: Any
@@ -70,10 +77,11 @@ class SurfaceInteraction:
     _marker: MarkerHit | None
 
     def reflected(self, direction: Any, source: Any = None) -> Any:
-        """Radiance towards the viewer per irradiance square to a direction, zero in shadow.
+        """Radiance towards the viewer per irradiance of a plane square to a direction [sr⁻¹]; zero in shadow.
 
         Args:
-            source: where the light stands; default infinitely far away.
+            direction: unit vector to the light.
+            source: position of the light [mm]; default infinitely far away.
         """
         import drjit as dr
 
@@ -91,7 +99,13 @@ class SurfaceInteraction:
 
 
 def intersect(scene: Scene, ray: Any, nodes_nm: tuple[int, ...]) -> SurfaceInteraction:
-    """First surface points of camera rays, which reflect at up to four wavelengths."""
+    """First surface points of camera rays.
+
+    Args:
+        scene: what the rays can hit.
+        ray: the camera's rays, in the marker frame [mm].
+        nodes_nm: up to four wavelengths at which the surfaces reflect [nm].
+    """
     import drjit as dr
     import mitsuba as mi
 
@@ -99,7 +113,15 @@ def intersect(scene: Scene, ray: Any, nodes_nm: tuple[int, ...]) -> SurfaceInter
     if scene.marker is None:
         hit = scene.solids.ray_intersect(ray)
         surface = _surface(scene, hit)
-        return SurfaceInteraction(hit, hit.is_valid(), mi.Bool(False), surface, brdfs, scene.solids, None)
+        return SurfaceInteraction(
+            hit=hit,
+            valid=hit.is_valid(),
+            deep=mi.Bool(False),
+            _surface=surface,
+            _brdfs=brdfs,
+            _scene=scene.solids,
+            _marker=None,
+        )
     on_marker = scene.marker.find(ray.o, ray.d)
     hit = scene.solids.ray_intersect(ray, active=~on_marker.found)
     surface = dr.select(on_marker.found, dr.select(on_marker.bright, mi.UInt32(0), 1), _surface(scene, hit))
@@ -109,7 +131,13 @@ def intersect(scene: Scene, ray: Any, nodes_nm: tuple[int, ...]) -> SurfaceInter
     hit.sh_frame = mi.Frame3f(hit.n)
     hit.wi = hit.to_local(-ray.d)
     return SurfaceInteraction(
-        hit, on_marker.found | hit.is_valid(), on_marker.floor, surface, brdfs, scene.solids, on_marker
+        hit=hit,
+        valid=on_marker.found | hit.is_valid(),
+        deep=on_marker.floor,
+        _surface=surface,
+        _brdfs=brdfs,
+        _scene=scene.solids,
+        _marker=on_marker,
     )
 
 

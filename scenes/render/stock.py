@@ -1,6 +1,7 @@
-"""The same view as a scene for stock Mitsuba: for export, as the reference renderer, and where no LLVM can be had.
+"""The same view as a scene for stock Mitsuba: for export, as the reference renderer, and for machines without LLVM.
 
-Lights become 100 spots with a textured pattern and distant discs; the camera becomes a perspective sensor of square pixels.
+The LEDs become spots with a textured pattern, Sun and Earth distant discs. The camera becomes a perspective sensor of
+square pixels.
 """
 
 from __future__ import annotations
@@ -37,15 +38,16 @@ def stock_scene(
     pixel_rad: float | None = None,
     depth: int = 2,
 ) -> dict[str, Any]:
-    """Scene description for `mi.load_dict`, in millimetres, marker frame; needs a spectral variant.
+    """Scene description for `mi.load_dict`, in millimetres and in the marker frame. It needs a spectral variant.
 
     Args:
-        strengths: by light ('led': on-axis intensity of the whole ring, 'sun': irradiance, 'earth': radiance), spectrum or a
-            constant. Only with 'earth' does the camera see discs directly.
+        view: what to describe.
+        strengths: spectrum or constant by light: 'led' the on-axis intensity of the whole ring, 'sun' the irradiance,
+            'earth' the radiance. The camera sees the discs directly only with 'earth'.
         mesh_folder: where PLY meshes and the LED texture are written.
         film: description of the film, with width and height.
-        sensor_offset_px: film centre off the optical axis, in film pixels, to the right and down.
-        pixel_rad: angular pitch of the film's square pixels on the axis; default the camera's column pitch.
+        sensor_offset_px: centre of the film from the optical axis, to the right and down [film pixels].
+        pixel_rad: angular pitch of the film's square pixels on the axis; default the camera's column pitch [tangent].
         depth: longest path; 2 is direct light.
 
     Raises:
@@ -87,7 +89,15 @@ def stock_scene(
 
 
 def render_stock_basis(view: View, quality: Quality) -> TransportBasis:
-    """The basis of a view by stock `path`: the whole frame coarsely, then the marker as densely as its rays allow."""
+    """Basis of a view by stock `path`: the whole frame coarsely, then the marker as densely as its rays allow.
+
+    Args:
+        view: what to render.
+        quality: how densely.
+
+    Raises:
+        ValueError: for a lens with distortion.
+    """
     frame = frame_box(view)
     layers = render_region(view, _region(frame, quality.frame_samples), quality.seed)
     marker = marker_box(view).within(frame)
@@ -106,9 +116,18 @@ def _region(box: Box, samples: int) -> Region:
 
 
 def render_region(view: View, region: Region, seed: int) -> dict[str, NDArray[np.float32]]:
-    """Basis images of a region by stock `path`, (nodes, height, width) by light."""
+    """Basis images of a region by stock `path`.
+
+    Args:
+        view: what to render.
+        region: pixels, and sub-pixels of each.
+        seed: of the renderer.
+
+    Returns:
+        By light, (nodes, height, width).
+    """
     materials = [library.load(name) for name in view.target.materials]
-    # A change of albedo smaller than this over the band is not worth a rendering at each node.
+    # A smaller change of albedo over the band is not worth a rendering at each node.
     flat = all(np.ptp(s(view.nodes_nm)) <= 0.002 for m in materials for s in (m.diffuse, m.gloss, m.retro))
     pad = int(np.ceil(4 * view.camera.psf_sigma_px + 0.5))
     result = {light: np.empty((len(view.nodes_nm), region.height, region.width), np.float32) for light in view.lights}
@@ -122,7 +141,17 @@ def render_region(view: View, region: Region, seed: int) -> dict[str, NDArray[np
 
 
 def reduced(subpixels: NDArray[np.float32], view: View, region: Region, pad: int) -> NDArray[np.float32]:
-    """Pixels (height, width) of a region from the square sub-pixels of `render_subpixels`."""
+    """Pixels of a region from the square sub-pixels of `render_subpixels`.
+
+    Args:
+        subpixels: (rows, columns).
+        view: for its camera.
+        region: the pixels.
+        pad: pixels around the region that the sub-pixels also cover.
+
+    Returns:
+        (height, width).
+    """
     fx, fy = view.camera.focal_px
     rows, columns = subpixels.shape
     sigma, step = view.camera.psf_sigma_px, 1 / region.samples
@@ -132,10 +161,11 @@ def reduced(subpixels: NDArray[np.float32], view: View, region: Region, pad: int
 
 @lru_cache(maxsize=64)
 def _reduction(pixels: int, pad: int, count: int, step_px: float, psf_sigma_px: float) -> NDArray[np.float32]:
-    """Weights (pixels, count) of sub-pixels of a size in the point-spread ⊗ pixel kernel.
+    """Weights, in the point-spread ⊗ pixel kernel, of sub-pixels of a size, (pixels, count).
 
-    Light from anywhere in a sub-pixel of width h counts alike, which smooths the kernel K as the sub-pixel itself would; weights
-    of K − h²/24 K″ undo that to fourth order. They are twice the kernel at the middle less its mean over the sub-pixel.
+    Light from anywhere in a sub-pixel of width h counts alike, which smooths the kernel K just as the sub-pixel does.
+    Weights of K − h²/24 K″ undo this to fourth order; they are twice the kernel at the middle less its mean over the
+    sub-pixel.
     """
     edges = np.arange(count + 1) * step_px - pad - 0.5 - np.arange(pixels)[:, None]
     matrix = np.diff(pixel_profile_integral(edges, psf_sigma_px), axis=1)
@@ -149,18 +179,40 @@ def _reduction(pixels: int, pad: int, count: int, step_px: float, psf_sigma_px: 
 def render_subpixels(
     view: View, region: Region, pad: int, node_nm: int, light: str, seed: int, spp: int = 1, depth: int = 2
 ) -> NDArray[np.float32]:
-    """Radiance of square sub-pixels of a padded region at a wavelength, per unit strength of a light, by stock `path`.
+    """Radiance of square sub-pixels of a padded region at one wavelength, per unit strength of a light, by stock `path`.
 
-    Sub-pixels are as wide as a `samples`-th of a column; there are as many rows of them as cover the region.
+    A sub-pixel is as wide as a `samples`-th of a column. There are as many rows of them as cover the region.
+
+    Args:
+        view: what to render.
+        region: pixels, and sub-pixels of each.
+        pad: pixels to add around the region.
+        node_nm: the wavelength [nm].
+        light: 'led', 'sun' or 'earth'.
+        seed: of the renderer.
+        spp: rays per sub-pixel.
+        depth: longest path; 2 is direct light.
+
+    Returns:
+        (rows, columns).
     """
     import mitsuba as mi
 
     columns, rows = subpixel_counts(view, region, pad)
     film = {
-        "type": "specfilm", "width": columns, "height": rows, "component_format": "float32", "rfilter": {"type": "box"},
+        "type": "specfilm",
+        "width": columns,
+        "height": rows,
+        "component_format": "float32",
+        "rfilter": {"type": "box"},
         # A band of 2 nm about the node with area one: its integral is the radiance there.
-        "band": {"type": "regular", "wavelength_min": node_nm - 1.0, "wavelength_max": node_nm + 1.0, "values": "0.5,0.5"},
-    }  # fmt: skip
+        "band": {
+            "type": "regular",
+            "wavelength_min": node_nm - 1.0,
+            "wavelength_max": node_nm + 1.0,
+            "values": "0.5,0.5",
+        },
+    }
     (fx, fy), (cx, cy) = view.camera.focal_px, view.camera.principal_point_px
     step = 1 / (fx * region.samples)
     left, top = (region.x0 - pad - 0.5 - cx) / fx, (region.y0 - pad - 0.5 - cy) / fy
@@ -168,13 +220,29 @@ def render_subpixels(
     # Per square millimetre inside: one watt per steradian is 1e6 times stronger at a distance counted in millimetres.
     strength = {"led": MM_PER_M**2, "sun": 1.0, "earth": 1.0}[light]
     with tempfile.TemporaryDirectory() as folder:
-        scene = mi.load_dict(stock_scene(view, {light: strength}, Path(folder), film, offset, step, depth))
+        scene = mi.load_dict(
+            stock_scene(
+                view,
+                {light: strength},
+                Path(folder),
+                film,
+                sensor_offset_px=offset,
+                pixel_rad=step,
+                depth=depth,
+            )
+        )
     image = np.array(mi.render(scene, spp=spp, seed=seed), np.float32)
     return image.reshape(rows, columns, -1)[:, :, 0]
 
 
 def subpixel_counts(view: View, region: Region, pad: int) -> tuple[int, int]:
-    """Columns and rows of square sub-pixels that cover a padded region."""
+    """Columns and rows of square sub-pixels that cover a padded region.
+
+    Args:
+        view: for its camera.
+        region: pixels, and sub-pixels of each.
+        pad: pixels to add around the region.
+    """
     fx, fy = view.camera.focal_px
     columns = (region.width + 2 * pad) * region.samples
     return columns, int(np.ceil((region.height + 2 * pad) * region.samples * fx / fy))
@@ -188,12 +256,16 @@ def _sensor(view: View, film: dict[str, Any], offset_px: tuple[float, float], pi
     to_world[:3, :3] = view.rotation.T @ np.diag([-1.0, -1.0, 1.0])
     to_world[:3, 3] = view.to_marker(np.zeros(3)) * MM_PER_M
     return {
-        "type": "perspective", "film": film, "to_world": mi.ScalarTransform4f(to_world),
-        "near_clip": 1.0, "far_clip": 100 * _DISC_DISTANCE_MM,
-        "fov_axis": "x", "fov": float(np.degrees(2 * np.arctan(film["width"] * pixel_rad / 2))),
+        "type": "perspective",
+        "film": film,
+        "to_world": mi.ScalarTransform4f(to_world),
+        "near_clip": 1.0,
+        "far_clip": 100 * _DISC_DISTANCE_MM,
+        "fov_axis": "x",
+        "fov": float(np.degrees(2 * np.arctan(film["width"] * pixel_rad / 2))),
         "principal_point_offset_x": offset_px[0] / film["width"],
         "principal_point_offset_y": offset_px[1] / film["height"],
-    }  # fmt: skip
+    }
 
 
 def _emission(strength: Spectrum | float) -> dict[str, Any]:
@@ -222,10 +294,13 @@ def _leds(view: View, strength: Spectrum | float, folder: Path, mi: Any) -> dict
     for k, position in enumerate(positions):
         to_world[:3, 3] = position
         result[f"led_{k:03d}"] = {
-            "type": "spot", "to_world": mi.ScalarTransform4f(to_world.copy()), "intensity": _emission(strength * (1 / count)),
-            "cutoff_angle": _PATTERN_EDGE_DEG, "beam_width": _PATTERN_EDGE_DEG,
+            "type": "spot",
+            "to_world": mi.ScalarTransform4f(to_world.copy()),
+            "intensity": _emission(strength * (1 / count)),
+            "cutoff_angle": _PATTERN_EDGE_DEG,
+            "beam_width": _PATTERN_EDGE_DEG,
             "texture": {"type": "bitmap", "filename": str(pattern), "raw": True},
-        }  # fmt: skip
+        }
     return result
 
 

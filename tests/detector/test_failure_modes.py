@@ -1,28 +1,23 @@
 """The five failure modes of thesis section 8.3: each brought about, and what this detector has against it.
 
-Beside each stands what OpenCV's ArUco and the thesis's pipeline (`experiments.thesis.baseline`) make of the same frame, where they fail.
-Frames are drawn with exact projection and sensor noise (`synthetic.py`); those of `tests/experiments` are ray-traced.
+Beside each stands what OpenCV's ArUco and the thesis's pipeline (`experiments.studies.shared.baseline`) make of the same frame, where
+they fail. Frames are drawn with exact projection and sensor noise (`synthetic.py`); those of `tests/experiments` are ray-traced.
 """
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
-
 from synthetic import NOISE, electrons, expose, foil, pose_at, range_for
 
 from detector.features import Features, find_features
 from detector.pose.joint import FoundMarker, solve_face_pose
 from detector.pose.pose import Pose, solve_pose
 from detector.sensor.pair import difference
-from experiments.thesis.baseline import baseline_features, to_eight_bits
+from experiments.studies.shared.baseline import baseline_features, to_eight_bits
 from radiometry.geometry import FloatArray, rotation_angle
 from radiometry.optics import Camera
 from scenes.marker import ELEMENT_NAMES, MarkerDesign

@@ -2,25 +2,16 @@
 
 from __future__ import annotations
 
-import sys
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy.stats import beta, chi2
-
-sys.path.insert(0, str(Path(__file__).parent))
-
 from synthetic import NOISE, electrons, expose, foil, pose_at, range_for
 
-from detector.elements.slits import Slits, lit_cells
+from detector.elements.slits import Slits
 from detector.features import Features, find_features
-from detector.pattern.decode import decoder_of
-from detector.pattern.pattern import Pattern, homography, kernel_sigma_px
-from detector.sensor.noise import NoiseModel, estimate_noise
+from detector.sensor.noise import NoiseModel
 from radiometry.geometry import FloatArray
 from radiometry.optics import Camera
 from scenes.marker import Element, MarkerDesign
@@ -34,15 +25,25 @@ MEDIUM = Camera(width_px=256, height_px=256)
 
 @lru_cache(maxsize=64)
 def frame(
-    range_m: float, pitch: float, yaw: float, roll: float, shift: tuple[float, float], camera: Camera, white: float,
+    range_m: float,
+    pitch: float,
+    yaw: float,
+    roll: float,
+    shift: tuple[float, float],
+    camera: Camera,
+    white: float,
     level: float = 0.2,
-    absorber: float = 0.02, samples: int = 8, seed: int = 1, marker: MarkerDesign = MARKER, light_ring_m: float = 0.0,
-) -> FloatArray:  # fmt: skip
+    absorber: float = 0.02,
+    samples: int = 8,
+    seed: int = 1,
+    marker: MarkerDesign = MARKER,
+    light_ring_m: float = 0.0,
+) -> FloatArray:
+    """Mean electrons of a marker at some place; the same frame is drawn once."""
     rotation, translation = pose_at(range_m, pitch, yaw, roll, shift, camera)
-    return electrons(
-        marker, camera, rotation, translation, np.random.default_rng(seed), white=white, absorber=absorber, foil_level=level,
-        samples=samples, ring_radius_m=light_ring_m,
-    )  # fmt: skip
+    rng = np.random.default_rng(seed)
+    light = {"white": white, "absorber": absorber, "foil_level": level, "ring_radius_m": light_ring_m}
+    return electrons(marker, camera, rotation, translation, rng, samples=samples, **light)
 
 
 def true_corners(
@@ -300,11 +301,18 @@ def test_kinds_of_numbers_and_an_unknown_noise_make_little_difference():
         assert np.abs(f.corners_px - reference.corners_px).max() < 0.1
 
 
-@pytest.mark.parametrize(
-    "image",
-    [np.zeros((40, 40, 3)), np.zeros(40), np.full((40, 40), np.nan), np.full((40, 40), np.inf), np.zeros((4, 4)),
-     np.full((40, 40), "a"), np.zeros((40, 40), complex)],
-)  # fmt: skip
+NO_IMAGES = [
+    np.zeros((40, 40, 3)),
+    np.zeros(40),
+    np.full((40, 40), np.nan),
+    np.full((40, 40), np.inf),
+    np.zeros((4, 4)),
+    np.full((40, 40), "a"),
+    np.zeros((40, 40), complex),
+]
+
+
+@pytest.mark.parametrize("image", NO_IMAGES)
 def test_refuses_what_is_no_image(image):
     with pytest.raises(ValueError, match="image"):
         find_features(image, MARKER, SMALL, NOISE)
@@ -323,66 +331,6 @@ def test_a_marker_cut_by_the_image_s_edge_is_not_detected_and_does_no_harm():
     assert not find_features(expose(mean, np.random.default_rng(17)), MARKER, SMALL, NOISE).detected
 
 
-@pytest.mark.parametrize(
-    "change",
-    [{"gain_dn_per_electron": -1.0}, {"read_noise_dn": np.nan}, {"offset_dn": np.inf}, {"saturation_dn": 10.0}],
-)
-def test_refuses_an_impossible_noise_model(change):
-    with pytest.raises(ValueError, match=next(iter(change))):
-        NoiseModel(**{"gain_dn_per_electron": 1.0, "read_noise_dn": 1.0, "offset_dn": 64.0, **change})
-
-
-def test_the_estimated_noise_is_the_noise():
-    rng = np.random.default_rng(18)
-    assert estimate_noise(rng.normal(100, 3, (200, 200))).read_noise_dn == pytest.approx(3, rel=0.1)
-    clipped = np.clip(rng.normal(100, 30, (200, 200)), 0, 120)
-    assert estimate_noise(clipped).saturation_dn == 120
-
-
-@settings(deadline=None, derandomize=True, max_examples=30)
-@given(st.lists(st.floats(-6, 6), min_size=8, max_size=8), st.floats(0.3, 1.5))
-def test_the_pattern_s_gradient_is_its_derivative(offsets, sigma):
-    square = np.array([[10, 10], [50, 12], [48, 52], [9, 49]]) + np.reshape(offsets, (4, 2))
-    matrix, pattern = homography(square), Pattern(MARKER)
-    pixels = np.random.default_rng(0).uniform(5, 55, (200, 2))
-    value, gradient = pattern.value_and_gradient(pixels, matrix, kernel_sigma_px(sigma))
-    assert value.min() > -0.1
-    assert value.max() < 1.1
-    for axis in (0, 1):
-        step = np.zeros(2)
-        step[axis] = 1e-4
-        ahead, _ = pattern.value_and_gradient(pixels + step, matrix, kernel_sigma_px(sigma))
-        behind, _ = pattern.value_and_gradient(pixels - step, matrix, kernel_sigma_px(sigma))
-        # The skew's second-order term is left out of the gradient.
-        assert (ahead - behind) / 2e-4 == pytest.approx(gradient[:, axis], abs=0.12)
-
-
-@settings(deadline=None, derandomize=True, max_examples=60)
-@given(st.floats(-0.5, 0.5), st.floats(0.5, 20.0))
-def test_floor_seen_through_the_slits_is_a_triangle_about_the_blob(place, range_m):
-    element = MARKER.elements[0]
-    slits = Slits(MARKER, element, np.array([0.0, 0.0, range_m]))
-    u = np.linspace(-0.5, 0.5, 4001) * element.length_m
-    seen = slits.seen_up_to(u, np.array([place * element.length_m]))[0]
-    assert np.all(np.diff(seen) >= -1e-15)
-    assert seen[-1] <= (1 - MARKER.slat_fraction) * element.length_m
-    # The area of the triangle, its top cut flat by one slit, but for what the ends cut off and the sampling by slits.
-    whole = (1 - MARKER.slat_fraction) * (1 - slits.follow) * slits.half_width
-    assert seen[-1] == pytest.approx(whole * (1 - slits.cut_fraction(place * element.length_m)), abs=0.12 * whole)
-
-
-@settings(deadline=None, derandomize=True, max_examples=40)
-@given(st.floats(-0.6, 0.6), st.floats(0.5, 10.0), st.sampled_from([0.0, 0.05, 0.2]))
-def test_the_cells_of_light_are_the_floor_seen_between_their_edges(place, range_m, light_ring_m):
-    element = MARKER.elements[0]
-    slits = Slits(MARKER, element, np.array([0.3 * range_m, 0.0, range_m]), light_ring_m)
-    edges = np.linspace(-0.6, 0.6, 200) * element.length_m
-    lit = np.empty(len(edges) - 1)
-    lit_cells(slits.numbers, slits.count, slits.beside, place * element.length_m, edges[0], edges[1] - edges[0], lit)
-    seen = slits.seen_up_to(edges, np.array([place * element.length_m]))[0]
-    assert lit * (edges[1] - edges[0]) == pytest.approx(np.diff(seen), abs=1e-12)
-
-
 def test_the_field_of_view_is_covered_by_one_element_or_the_other():
     reach = np.array([[-30.0, "right"], [30.0, "left"]], dtype=object)
     for pitch, name in reach:
@@ -390,10 +338,3 @@ def test_the_field_of_view_is_covered_by_one_element_or_the_other():
         f = find_features(expose(mean, np.random.default_rng(19)), MARKER, MEDIUM, NOISE)
         assert f.blobs_px[name] is not None
         assert f.virtual_points_px
-
-
-def test_a_quadrilateral_without_a_reading_of_a_cell_is_no_marker():
-    """Concave, and partly outside the image: all its readings lie on the border, and nothing can be solved for the cells."""
-    image = np.random.default_rng(0).normal(500, 10, (300, 300))
-    quadrilateral = np.array([[170.428, 180.268], [131.361, 199.478], [148.093, 115.910], [307.427, 81.745]])
-    assert decoder_of(MARKER).decode(image, quadrilateral, 0.6, NOISE) is None

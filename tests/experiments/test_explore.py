@@ -21,10 +21,9 @@ from detector.sensor.sensor import expose
 from experiments import chain
 from experiments.explore import closed, frame
 from experiments.explore.controls import controls, geometry_of, read_state, scenario_of, write_state, write_value
+from experiments.explore.geometries import Budgets, GeometryStore, Prepared, Task
 from experiments.explore.server import Server
-from experiments.explore.stock import Budgets, Prepared, Stock, Task
 from experiments.scenario import load_scenario
-from experiments.studies.glare.fusion import difference
 
 #: A median answer on the page within this [ms].
 LIMIT_MS = 100.0
@@ -84,11 +83,13 @@ def test_values_of_transport_snap_and_live_ones_do_not(base):
 @pytest.mark.parametrize(
     ("query", "words"),
     [
-        ("rnage_m=2", "rnage_m: not a control"), ("range_m=near", "range_m: 'near', expected a number [m]"),
-        ("range_m=99", "range_m: 99, expected 2 to 3 [m]"), ("illumination=dawn", "illumination: 'dawn', expected one of eclipse, sunlit"),
+        ("rnage_m=2", "rnage_m: not a control"),
+        ("range_m=near", "range_m: 'near', expected a number [m]"),
+        ("range_m=99", "range_m: 99, expected 2 to 3 [m]"),
+        ("illumination=dawn", "illumination: 'dawn', expected one of eclipse, sunlit"),
         ("exposure_s=nan", "expected a number [s]"),
     ],
-)  # fmt: skip
+)
 def test_a_wrong_link_is_told_in_one_line(base, query, words):
     with pytest.raises(ValueError, match=r"^[^\n]+$") as caught:
         read_state(query, controls(base))
@@ -110,7 +111,7 @@ def test_large_sensors_are_read_out_in_a_window_about_the_same_axis():
 def test_led_current_scales_rates_and_budgets_as_the_chain_does(base, explorer):
     answered(explorer, "")
     state = {**read_state("illumination=sunlit&drive=0.3", explorer.controls)}
-    prepared = explorer._stock.frame(explorer._key(state))
+    prepared = explorer._store.frame(explorer._key(state))
     scenario = scenario_of(base, state)
     basis = chain.transport(geometry_of(base, state))
     for illumination in ("eclipse", "sunlit"):
@@ -160,7 +161,7 @@ def test_contrast_of_a_pair_is_that_of_drawn_differences(explorer):
         "range_m=2&illumination=sunlit&exposure=fixed&exposure_s=3e-7&pair=1&sun.phase_deg=20", explorer.controls
     )
     answer = answered(explorer, write_state(state, explorer.controls))
-    scenario, prepared = scenario_of(explorer.base, state), explorer._stock.frame(explorer._key(state))
+    scenario, prepared = scenario_of(explorer.base, state), explorer._store.frame(explorer._key(state))
     view, marker = chain.view(scenario), scenario.marker
     sets = [chain.bit_pixels(view, c) for c in (marker.white_bit_centres_m(), marker.black_bit_centres_m())]
     white, black = (tuple(np.concatenate([p[k] for p in pixels]) for k in (0, 1)) for pixels in sets)
@@ -169,7 +170,7 @@ def test_contrast_of_a_pair_is_that_of_drawn_differences(explorer):
     drawn = []
     for _ in range(60):
         frames = [expose(scenario.sensor, rate, seconds, rng).dn for rate in (on, on - led)]
-        image, _ = difference(scenario.sensor, *frames, np.zeros(2))
+        image = frames[0].astype(float) - frames[1]
         drawn.append([image[white], image[black]])
     bright, dark = (np.array([d[k] for d in drawn]) for k in (0, 1))
     variance = bright.var(axis=0, ddof=1).mean() + dark.var(axis=0, ddof=1).mean()
@@ -228,8 +229,8 @@ def _waits_for(condition, seconds=10.0):
         time.sleep(0.005)
 
 
-def test_stock_goes_on_after_a_lost_worker_and_tells_why_a_geometry_failed(monkeypatch):
-    monkeypatch.setattr("experiments.explore.stock.closed_form", lambda scenario: Budgets({"eclipse": scenario}))
+def test_the_store_goes_on_after_a_lost_worker_and_tells_why_a_geometry_failed(monkeypatch):
+    monkeypatch.setattr("experiments.explore.geometries.closed_form", lambda scenario: Budgets({"eclipse": scenario}))
     executor = Broken()
 
     def refused():
@@ -240,33 +241,33 @@ def test_stock_goes_on_after_a_lost_worker_and_tells_why_a_geometry_failed(monke
         Task("wrong", False, "", refused),
         Task("good", False, "", SimpleNamespace),
     ]
-    with Stock(executor) as stock:
-        stock.want("good", lambda: iter(tasks))
-        _waits_for(lambda: stock.budgets("good") is not None)
+    with GeometryStore(executor) as store:
+        store.want("good", lambda: iter(tasks))
+        _waits_for(lambda: store.budgets("good") is not None)
         assert executor.recovered == 1
         with pytest.raises(ValueError, match="has died"):
-            stock.frame("lost")
+            store.frame("lost")
         with pytest.raises(ValueError, match=r"camera\.focus_m"):
-            stock.frame("wrong")
+            store.frame("wrong")
 
 
 def _frames(plan):
     return (Task(f"{plan}{k}", True, "", partial(str, f"{plan}{k}")) for k in range(6))
 
 
-def test_stock_keeps_to_its_memory_and_forgets_the_oldest(monkeypatch):
+def test_the_store_keeps_to_its_memory_and_forgets_the_oldest(monkeypatch):
     made = []
 
     def prepared(scenario):
         made.append(scenario)
         return Prepared({"eclipse": np.zeros(100)}, Budgets({}))
 
-    monkeypatch.setattr("experiments.explore.stock.prepare", prepared)
-    with Stock(Here(), limit_bytes=2000) as stock:
+    monkeypatch.setattr("experiments.explore.geometries.prepare", prepared)
+    with GeometryStore(Here(), limit_bytes=2000) as store:
         for plan in ("a", "b"):
-            stock.want(plan, partial(_frames, plan))
-            _waits_for(lambda: stock.doing == "" and made and made[-1][0] == stock._present)
-        kept = [n for n in (f"{p}{k}" for p in "ab" for k in range(6)) if stock.ready(n)]
+            store.want(plan, partial(_frames, plan))
+            _waits_for(lambda: store.doing == "" and made and made[-1][0] == store._present)
+        kept = [n for n in (f"{p}{k}" for p in "ab" for k in range(6)) if store.ready(n)]
         assert kept == ["b1", "b2"]  # of each plan three were made, until they would have filled the memory
         assert made == ["a0", "a1", "a2", "b0", "b1", "b2"]
 

@@ -107,7 +107,7 @@ def test_every_control_is_reached_and_moved_by_the_keyboard(page):
     assert missing == []
     assert all(any(seen.startswith(group) for seen in reached) for group in groups)
     assert {"save", "link"} <= {*reached, "link"}
-    page.run("document.getElementById('c-light-0').focus()")
+    page.run("document.getElementById('c-illumination-0').focus()")
     page.press("ArrowDown")
     page.wait_for(f"{READY} && location.search === '?illumination=sunlit'")
     assert page.run("document.getElementById('c-sun-phase_deg').disabled") is False

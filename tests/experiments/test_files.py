@@ -19,7 +19,11 @@ from scenes.files import exr
 def dataset() -> xr.Dataset:
     return xr.Dataset(
         {
-            "cnr": (("range_m", "illumination"), np.array([[1.5, np.nan], [1e-30, 7e20]]), {"units": "1", "long_name": "contrast"}),
+            "cnr": (
+                ("range_m", "illumination"),
+                np.array([[1.5, np.nan], [1e-30, 7e20]]),
+                {"units": "1", "long_name": "contrast"},
+            ),
             "closes": (("range_m", "illumination"), np.array([[True, False], [False, True]]), {"units": "1"}),
             "reason": (("range_m",), np.array(["", "no marker found"], object)),
         },

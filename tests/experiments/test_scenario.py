@@ -71,12 +71,21 @@ def test_shipped_scenarios_load_by_name_and_keep_their_digest_when_written_out(n
 
 #: Values other than the default where a small change of it would not be valid.
 OTHERS: dict[str, Any] = {
-    "illumination": "sunlit", "exposure_s": 1e-3, "title": "another", "marker.dictionary": "4X4_100", "filter.effective_index": 2.0,
-    "target.face_material": "diffuse_reference", "target.tape_material": "tape_type_ix", "render.wavelength_nodes": 8,
-    "target.absorber_material": "diffuse_reference", "budget.illuminations": ("sunlit",), "camera.focus_m": 3.0,
-    "camera.point_source_transmittance": ((20.0, 1e-5), (60.0, 1e-7)), "target.edge_radius_m": 0.01,
+    "illumination": "sunlit",
+    "exposure_s": 1e-3,
+    "title": "another",
+    "marker.dictionary": "4X4_100",
+    "filter.effective_index": 2.0,
+    "target.face_material": "diffuse_reference",
+    "target.tape_material": "tape_type_ix",
+    "render.wavelength_nodes": 8,
+    "target.absorber_material": "diffuse_reference",
+    "budget.illuminations": ("sunlit",),
+    "camera.focus_m": 3.0,
+    "camera.point_source_transmittance": ((20.0, 1e-5), (60.0, 1e-7)),
+    "target.edge_radius_m": 0.01,
     "target.edge_material": "white_paint",
-}  # fmt: skip
+}
 
 
 def another(key: str) -> Any:

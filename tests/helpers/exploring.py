@@ -13,7 +13,7 @@ from typing import Any
 import xarray as xr
 
 from experiments.explore.explorer import Explorer
-from experiments.explore.stock import Stock
+from experiments.explore.geometries import GeometryStore
 from experiments.scenario import Scenario
 
 
@@ -47,8 +47,8 @@ class Here:
 @contextmanager
 def exploring(base: Scenario, reach: int = 0) -> Iterator[Explorer]:
     """An explorer of a scenario that prepares what is asked for."""
-    with Stock(Here()) as stock:
-        yield Explorer(base, stock, reach)
+    with GeometryStore(Here()) as store:
+        yield Explorer(base, store, reach)
 
 
 def answered(explorer: Explorer, query: str, seconds: float = 60.0) -> dict[str, Any]:

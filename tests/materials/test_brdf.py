@@ -157,11 +157,11 @@ def test_a_rough_mirror_is_brightest_where_the_half_vector_is_the_normal(
 ) -> None:
     """GGX: along the normal at normal incidence f = 1 / (4π α²), the value of D/4."""
     gloss = Lobes(gloss_alpha=alpha)
-    peak = gloss.evaluate(np, 1.0, 1.0, 0.0, 0.0, 1.0, 0.0)
+    peak = gloss.evaluate(np, 1.0, 1.0, 0.0, diffuse=0.0, gloss=1.0, retro=0.0)
     assert peak == pytest.approx(1 / (4 * np.pi * alpha**2), rel=1e-12)
     a, mirror, off = direction(theta, 0.0), direction(theta, np.pi), direction(theta, np.pi - other)
-    at_mirror = gloss.evaluate(np, a[2], mirror[2], chord_squared(a, mirror), 0.0, 1.0, 0.0)
-    elsewhere = gloss.evaluate(np, a[2], off[2], chord_squared(a, off), 0.0, 1.0, 0.0)
+    at_mirror = gloss.evaluate(np, a[2], mirror[2], chord_squared(a, mirror), diffuse=0.0, gloss=1.0, retro=0.0)
+    elsewhere = gloss.evaluate(np, a[2], off[2], chord_squared(a, off), diffuse=0.0, gloss=1.0, retro=0.0)
     assert elsewhere <= at_mirror * (1 + 1e-9)
 
 

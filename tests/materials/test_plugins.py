@@ -150,8 +150,11 @@ def cell_probabilities(mi: ModuleType, name: str, incidence_deg: float, nodes: i
     with np.errstate(divide="ignore"):
         # Spaced evenly in the logarithm within a cell; the first begins at zero, where densities are constant.
         grid = np.where(low > 0, low * (high / np.where(low > 0, low, 1)) ** part, high * part)
-        bounds = np.where(low > 0, low * (high / np.where(low > 0, low, 1)) ** (np.arange(nodes + 1) / nodes),
-                          high * np.arange(nodes + 1) / nodes)  # fmt: skip
+        bounds = np.where(
+            low > 0,
+            low * (high / np.where(low > 0, low, 1)) ** (np.arange(nodes + 1) / nodes),
+            high * np.arange(nodes + 1) / nodes,
+        )
     chord2 = grid.ravel()
     width = np.diff(bounds, axis=1).ravel()
     azimuth = (np.arange(AZIMUTH_CELLS * nodes) + 0.5) * 2 * np.pi / (AZIMUTH_CELLS * nodes)

@@ -20,9 +20,9 @@ PRINTED = fov.element_sides(1.0, 0.25, 0.5)
 def test_the_thesiss_numbers_come_out() -> None:
     assert np.degrees(PRINTED) == pytest.approx([26.6, 56.3], abs=0.05)
     assert np.degrees(sum(PRINTED)) == pytest.approx(82.9, abs=0.05)
-    less = fov.equation_5_18(PRINTED, np.radians(18))
+    less = fov.with_margin(PRINTED, np.radians(18))
     assert np.degrees(sum(less)) == pytest.approx(46.9, abs=0.05)
-    assert np.degrees(fov.equation_5_19(less)) == pytest.approx(76.6, abs=0.05)
+    assert np.degrees(fov.combined_field(less)) == pytest.approx(76.6, abs=0.05)
 
 
 def test_equal_angles_lie_on_the_ellipse() -> None:
@@ -34,9 +34,9 @@ def test_equal_angles_lie_on_the_ellipse() -> None:
 
 @given(length=st.floats(0.01, 1), ratio=st.floats(0.1, 5))
 @SOME
-def test_equation_5_17_is_the_field_with_the_line_under_an_end(length: float, ratio: float) -> None:
+def test_the_one_sided_field_is_the_field_with_the_line_under_an_end(length: float, ratio: float) -> None:
     depth = ratio * length
-    assert fov.equation_5_17(length, depth) == pytest.approx(sum(fov.element_sides(length, 0.0, depth)))
+    assert fov.one_sided_field(length, depth) == pytest.approx(sum(fov.element_sides(length, 0.0, depth)))
     assert fov.centred_field(length, depth) == pytest.approx(sum(fov.element_sides(length, length / 2, depth)))
 
 
@@ -105,5 +105,5 @@ def test_the_field_is_a_rectangle_in_slopes() -> None:
 
 
 def test_opposite_elements_that_do_not_overlap_leave_their_gap_out() -> None:
-    assert fov.equation_5_19(fov.Sides(0.1, 0.5)) == pytest.approx(1.0)
-    assert fov.equation_5_19(fov.Sides(-0.1, 0.5)) == pytest.approx(0.8)
+    assert fov.combined_field(fov.Sides(0.1, 0.5)) == pytest.approx(1.0)
+    assert fov.combined_field(fov.Sides(-0.1, 0.5)) == pytest.approx(0.8)

@@ -17,6 +17,7 @@ from radiometry.link import (
     band_grid,
     cnr,
     electron_rate,
+    frames_per_second,
     reflective_fill,
     ring_transport,
     sampling_window_px,
@@ -43,7 +44,7 @@ def ring_on_axis(range_m: float, **values: float) -> FloatArray:
     ring = LedRing(**values)
     camera = np.array([0, 0, range_m])
     leds = camera + ring.positions_m() * [1, -1, -1]
-    return ring_transport([0.0, 0, 0], camera, leds, [0, 0, -1.0], ring, flat, NODES)
+    return ring_transport([0.0, 0, 0], camera, leds, axis=[0, 0, -1.0], ring=ring, brdf=flat, wavelength_nm=NODES)
 
 
 def test_on_the_axis_the_ring_gives_brdf_over_distance_squared() -> None:
@@ -73,22 +74,35 @@ def test_points_keep_their_leading_shape_and_each_its_own_light() -> None:
     camera = np.array([0, 0, 1.0])
     leds = camera + ring.positions_m() * [1, -1, -1]
     points = np.random.default_rng(5).uniform(-0.1, 0.1, (2, 4, 3)) * [1, 1, 0]
-    together = ring_transport(points, camera, leds, [0, 0, -1.0], ring, flat, NODES)
+    together = ring_transport(points, camera, leds, axis=[0, 0, -1.0], ring=ring, brdf=flat, wavelength_nm=NODES)
     assert together.shape == (2, 4, 3)
     alone = [
         np.mean(
             [
-                SLOPE * ring.pattern((led - p)[2] / np.linalg.norm(led - p))
-                * (led - p)[2] / np.linalg.norm(led - p) ** 3 for led in leds
-            ], axis=0,
-        ) for p in points.reshape(-1, 3)
-    ]  # fmt: skip
+                SLOPE
+                * ring.pattern((led - p)[2] / np.linalg.norm(led - p))
+                * (led - p)[2]
+                / np.linalg.norm(led - p) ** 3
+                for led in leds
+            ],
+            axis=0,
+        )
+        for p in points.reshape(-1, 3)
+    ]
     np.testing.assert_allclose(together.reshape(-1, 3), alone, rtol=1e-12)
 
 
 def test_light_from_behind_the_plane_does_not_count() -> None:
     ring = LedRing(count=1)
-    behind = ring_transport([0.0, 0, 0], [0, 0, 1.0], np.array([[0.5, 0, -0.1]]), [-1.0, 0, 0], ring, flat, NODES)
+    behind = ring_transport(
+        [0.0, 0, 0],
+        [0, 0, 1.0],
+        np.array([[0.5, 0, -0.1]]),
+        axis=[-1.0, 0, 0],
+        ring=ring,
+        brdf=flat,
+        wavelength_nm=NODES,
+    )
     assert not np.any(behind)
     assert not np.any(sun_transport([0.0, 0, 0], [0, 0, 1.0], [0.6, 0, -0.8], flat, NODES))
 
@@ -99,9 +113,6 @@ def test_sunlight_is_brdf_times_the_cosine_of_incidence(incidence: float) -> Non
     to_sun = np.array([np.sin(incidence), 0, np.cos(incidence)])
     found = sun_transport([0.0, 0, 0], [0, 0, 5.0], to_sun, flat, NODES)
     np.testing.assert_allclose(found, SLOPE * np.cos(incidence), rtol=1e-12)
-
-
-# --- spectral integration
 
 
 def test_electron_rate_is_the_integral_of_piecewise_linear_transport() -> None:
@@ -139,9 +150,6 @@ def test_band_grid_spans_the_band_in_fine_enough_steps() -> None:
     grid = band_grid(response, 7.0)
     assert (grid[0], grid[-1]) == response.support_nm
     assert np.diff(grid).max() <= 7.0
-
-
-# --- sampling
 
 
 @st.composite
@@ -202,9 +210,15 @@ def test_a_slanted_edge_fills_as_adaptive_quadrature_says(distance: float, slant
     quad_px = start + np.array([-60 * along, 60 * along, 60 * along - 60 * across, -60 * along - 60 * across])
     kinks = [-0.5, 0.5]
     expected, error = quad(
-        lambda x: float(_sampled_kernel(np.array(x), sigma) * pixel_profile_integral(distance + x * np.tan(slant), sigma)),
-        -0.5 - 8 * sigma, 0.5 + 8 * sigma, points=kinks, epsabs=1e-10, limit=200,
-    )  # fmt: skip
+        lambda x: float(
+            _sampled_kernel(np.array(x), sigma) * pixel_profile_integral(distance + x * np.tan(slant), sigma)
+        ),
+        -0.5 - 8 * sigma,
+        0.5 + 8 * sigma,
+        points=kinks,
+        epsabs=1e-10,
+        limit=200,
+    )
     assert float(reflective_fill([[0.0, 0.0]], quad_px[None], sigma)[0]) == pytest.approx(expected, abs=error + 1e-6)
 
 
@@ -239,8 +253,6 @@ def test_smear_is_image_speed_times_exposure_on_the_finer_pitch() -> None:
     )
 
 
-# --- signal against noise
-
 electrons = st.floats(1e-3, 1e6)
 
 
@@ -266,3 +278,15 @@ def test_shot_noise_alone_gives_root_n() -> None:
 def test_ten_to_one_takes_336_electrons_against_the_thesiss_read_noise() -> None:
     """S² = 100 (S + 28.2²) has the root 336.4 (audit, 1.3: 336)."""
     assert snr(335.5, 0, 28.2) < 10 < snr(336.5, 0, 28.2)
+
+
+def test_frames_per_second_are_the_thesiss() -> None:
+    """Equation 6.10: 100 LEDs of 2.1 W for 20 ms are 4.2 J a frame; 5 W pay for 1.19 frames a second."""
+    ring = LedRing(count=100, electrical_power_w=2.1)
+    energy = ring.energy_per_frame_j(0.02)
+    assert float(energy) == pytest.approx(4.2)
+    assert float(frames_per_second(5.0, energy)) == pytest.approx(1.190, abs=5e-4)
+    assert float(frames_per_second(5.0, energy, 0.02, duty_max=0.01)) == pytest.approx(0.5)
+    both = frames_per_second(5.0, ring.energy_per_frame_j([0.02, 1e-4]), [0.02, 1e-4], duty_max=0.02)
+    np.testing.assert_allclose(both, [1.0, 200.0])  # duty cycle binds either way
+    np.testing.assert_allclose(frames_per_second([5.0, 10.0], 4.2), [5 / 4.2, 10 / 4.2])

@@ -1,4 +1,4 @@
-"""Optics: projection, the camera equation, point spread, and spectral integration that narrow lines do not fool."""
+"""Optics: projection, the camera equation, point spread and blur, and spectral integration that narrow lines do not fool."""
 
 from __future__ import annotations
 
@@ -11,11 +11,15 @@ from hypothesis import strategies as st
 from numpy.polynomial import Polynomial
 from pydantic import ValidationError
 from scipy.integrate import quad
-from scipy.special import ndtr
+from scipy.optimize import least_squares
+from scipy.special import j1, ndtr
 
 from radiometry.filters import Bandpass
 from radiometry.optics import (
     Camera,
+    blur_sigma_px,
+    camera_at,
+    diffraction_sigma_px,
     electron_responsivity,
     electrons_per_joule,
     etendue_m2_sr,
@@ -27,6 +31,8 @@ from radiometry.spectrum import Spectrum, constant, gaussian_line
 
 BAND = Bandpass(low_nm=820, high_nm=880, edge_nm=1.0)  # 60 nm wide
 SQUARE = Camera(pixel_pitch_x_m=8.6e-6, pixel_pitch_y_m=8.6e-6)
+#: 32° off the axis at the corners.
+WIDE = {"width_px": 320, "height_px": 240, "focal_length_m": 2.7e-3}
 
 
 def test_electron_responsivity_is_the_constant_of_the_audit() -> None:
@@ -58,9 +64,6 @@ def test_responsivity_follows_filter_and_quantum_efficiency() -> None:
         share = float(response(wavelength)) / float(flat(wavelength))
         assert share == pytest.approx(transmission * float(efficiency(wavelength)), abs=0.25e-3)
     assert np.diff(response.wavelength_nm).max() <= 0.5 + 1e-9
-
-
-# --- projection
 
 
 @settings(deadline=None, derandomize=True)
@@ -98,9 +101,6 @@ def test_illumination_falls_with_the_fourth_power_of_the_field_angles_cosine() -
 def test_a_camera_that_cannot_be_built_is_refused(field: str, value: float) -> None:
     with pytest.raises(ValidationError, match=field):
         Camera(**{field: value})
-
-
-# --- wavelength nodes
 
 
 @pytest.mark.parametrize("count", [4, 8, 12])
@@ -169,9 +169,6 @@ def test_a_narrow_line_through_a_bandpass_is_not_biased(centre: float, fwhm: flo
     assert found == pytest.approx(expected, abs=4.1e-4 * np.abs(transport(np.linspace(819, 881))).max())
 
 
-# --- point spread and pixel
-
-
 @settings(deadline=None, derandomize=True)
 @given(st.floats(-8, 8), st.floats(0.02, 5))
 def test_pixel_profile_is_the_box_convolved_with_the_point_spread(x: float, sigma: float) -> None:
@@ -191,3 +188,50 @@ def test_without_point_spread_the_profile_is_the_bare_pixel() -> None:
 def test_two_half_planes_fill_a_pixel(x: float, sigma: float) -> None:
     both = pixel_profile_integral(x, sigma) + pixel_profile_integral(-x, sigma)
     assert float(both) == pytest.approx(1, abs=1e-13)
+
+
+def test_the_gaussian_of_diffraction_fits_the_core_of_the_airy_pattern() -> None:
+    radius = np.linspace(1e-6, 1.22, 2000)  # in λ F#, to the first dark ring
+    airy = (2 * j1(np.pi * radius) / (np.pi * radius)) ** 2
+    fit = least_squares(lambda s: (np.exp(-(radius**2) / (2 * s**2)) - airy) * np.sqrt(radius), [0.4])  # over the area
+    camera = Camera(pixel_pitch_x_m=5e-6, pixel_pitch_y_m=5e-6, f_number=8.0)
+    assert diffraction_sigma_px(camera, 850.0) == pytest.approx(fit.x[0] * 850e-9 * 8.0 / 5e-6, rel=2e-3)
+
+
+def test_blur_adds_diffraction_and_defocus_to_the_lens() -> None:
+    camera = Camera(pixel_pitch_x_m=8e-6, pixel_pitch_y_m=8e-6, focal_length_m=20e-3, f_number=2.0)
+    assert blur_sigma_px(camera, 3.0, 850.0) == camera.psf_sigma_px  # in focus everywhere, far from diffraction
+    assert camera_at(camera, 3.0, 850.0) is camera
+    small_stop = camera.model_copy(update={"f_number": 22.0})
+    assert blur_sigma_px(small_stop, 3.0, 850.0) == pytest.approx(0.42 * 850e-9 * 22 / 8e-6)
+    near = camera.model_copy(update={"focus_m": 2.0})
+    # (20 mm)²/2 · |1/2 − 1/8| = 75 µm: 9.375 px across, a quarter of it as standard deviation.
+    assert blur_sigma_px(near, 8.0, 850.0) == pytest.approx(np.hypot(0.5, 9.375 / 4))
+    assert blur_sigma_px(near, 2.0, 850.0) == 0.5
+    seen = camera_at(near, 8.0, 850.0)
+    assert (seen.psf_sigma_px, seen.focus_m) == (blur_sigma_px(near, 8.0, 850.0), None)
+    assert camera_at(seen, 8.0, 850.0) is seen  # not blurred twice
+    with pytest.raises(ValueError, match=r"focus 2 m at F/2 blurs a point at 0\.05 m .* expected at most 20 px"):
+        camera_at(near, 0.05, 850.0)
+
+
+def test_an_ideal_lens_has_no_point_spread_but_defocus() -> None:
+    ideal = Camera(psf_sigma_px=0.0, f_number=16.0)
+    assert blur_sigma_px(ideal, 5.0, 850.0) == 0.0
+    assert blur_sigma_px(ideal.model_copy(update={"focus_m": 2.0}), 5.0, 850.0) > 0
+
+
+def test_a_quarter_of_the_circle_is_the_spread_of_a_uniform_disc() -> None:
+    across = np.linspace(-1, 1, 4001)
+    chord = np.sqrt(1 - across**2)  # a disc of diameter 2, summed along y
+    assert np.sqrt(np.average(across**2, weights=chord)) == pytest.approx(2 / 4, rel=1e-3)
+
+
+def test_vignetting_takes_its_fraction_at_the_corners_and_grows_with_the_square() -> None:
+    plain, camera = Camera(**WIDE), Camera(**WIDE, vignetting=0.3)
+    loss = 1 - camera.relative_illumination() / plain.relative_illumination()
+    np.testing.assert_allclose([loss[0, 0], loss[-1, 0], loss[0, -1], loss[-1, -1]], 0.3)
+    (fx, fy), (cx, cy) = plain.focal_px, plain.principal_point_px
+    share = ((60 - cx) / fx) ** 2 + ((30 - cy) / fy) ** 2
+    assert loss[30, 60] == pytest.approx(0.3 * share / ((cx / fx) ** 2 + (cy / fy) ** 2))
+    np.testing.assert_array_equal(camera.natural_falloff(), plain.relative_illumination())

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 from scipy.integrate import quad
 
-from radiometry.sources import LedRing, Sun, am0_spectrum
+from radiometry.link import frames_per_second
+from radiometry.sources import Earth, LedRing, Sun, am0_spectrum
 from radiometry.spectrum import constant
 
 
@@ -61,9 +62,14 @@ def test_the_thesiss_array_of_40_kw_per_sr_from_210_w_is_refused_with_the_arithm
     power = 2 * np.pi * 40_247 / (exponent + 1)
     message = str(refusal.value)
     for figure in (
-        "40247 W/sr", "half angle of 8 deg", "2π·I₀/(n+1)", f"{power:.3g} W of light", f"n = {exponent:.1f}",
-        "210 W × 1 = 210 W", f"{power / 210:.1f} times too much",
-    ):  # fmt: skip
+        "40247 W/sr",
+        "half angle of 8 deg",
+        "2π·I₀/(n+1)",
+        f"{power:.3g} W of light",
+        f"n = {exponent:.1f}",
+        "210 W × 1 = 210 W",
+        f"{power / 210:.1f} times too much",
+    ):
         assert figure in message
     # The same figure spread over its hundred LEDs is refused for each of them.
     with pytest.raises(ValidationError, match=r"from one LED that is given 2\.1 W"):
@@ -105,9 +111,31 @@ def test_ring_intensity_and_energy_count_every_led() -> None:
 
 @pytest.mark.parametrize(
     ("field", "value"),
-    [("count", 0), ("half_angle_deg", 0), ("half_angle_deg", 90), ("intensity_w_sr", np.nan),
-     ("ring_radius_m", 0), ("fwhm_nm", 0), ("centroid_nm", 0.85), ("wall_plug_limit", 1.1)],
-)  # fmt: skip
+    [
+        ("count", 0),
+        ("half_angle_deg", 0),
+        ("half_angle_deg", 90),
+        ("intensity_w_sr", np.nan),
+        ("ring_radius_m", 0),
+        ("fwhm_nm", 0),
+        ("centroid_nm", 0.85),
+        ("wall_plug_limit", 1.1),
+    ],
+)
 def test_a_ring_that_cannot_be_is_refused(field: str, value: float) -> None:
     with pytest.raises(ValidationError, match=field):
         LedRing(**{field: value})
+
+
+def test_pulses_are_bounded_in_length_and_duty() -> None:
+    ring = LedRing(longest_pulse_s=1e-3, duty_max=0.1)
+    assert ring.pulse_allowed(1e-3)
+    assert not ring.pulse_allowed(1.01e-3)
+    np.testing.assert_array_equal(ring.pulse_allowed(1e-3, [10.0, 100.0, 101.0]), [True, True, False])
+    assert ring.pulse_allowed(5e-4, frames_per_second(np.inf, 1.0, 5e-4, ring.duty_max))
+    assert LedRing().pulse_allowed(100.0, 0.01)  # no limit unless one is given
+
+
+def test_the_earth_is_as_bright_as_a_sunlit_lambert_surface() -> None:
+    radiance = Earth(albedo=0.3).radiance(Sun(distance_au=2.0))
+    assert float(radiance(850.0)) == pytest.approx(0.3 / np.pi * float(am0_spectrum()(850.0)) / 4)

@@ -1,4 +1,4 @@
-"""The thesis's printed model gives the thesis's printed figures, slips included.
+"""The thesis's printed model gives the thesis's printed figures, errors included.
 
 The tables are those of an independent run of listing A.5; each figure must agree to half a unit of its last digit.
 """

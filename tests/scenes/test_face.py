@@ -20,10 +20,14 @@ LEFT, RIGHT = PlacedMarker(MarkerDesign(), (-0.09, 0.02)), PlacedMarker(MarkerDe
 def scenario() -> Scenario:
     return load_scenario(
         overrides=(
-            "range_m=3", "camera.width_px=320", "camera.height_px=240", "target.pitch_deg=20", "target.yaw_deg=-10",
+            "range_m=3",
+            "camera.width_px=320",
+            "camera.height_px=240",
+            "target.pitch_deg=20",
+            "target.yaw_deg=-10",
             "target.roll_deg=15",
         )
-    )  # fmt: skip
+    )
 
 
 def test_a_marker_at_the_centre_is_seen_as_ever(scenario: Scenario) -> None:

@@ -78,9 +78,19 @@ def test_a_seed_names_one_crinkle() -> None:
 
 @pytest.mark.parametrize(
     ("field", "value"),
-    [("face_m", 0), ("face_m", np.inf), ("facet_m", 0), ("facet_slope_deg", 31), ("facet_slope_deg", -1),
-     ("pitch_deg", 81), ("yaw_deg", -81), ("roll_deg", np.nan), ("facet_seed", -1), ("colour", 1)],
-)  # fmt: skip
+    [
+        ("face_m", 0),
+        ("face_m", np.inf),
+        ("facet_m", 0),
+        ("facet_slope_deg", 31),
+        ("facet_slope_deg", -1),
+        ("pitch_deg", 81),
+        ("yaw_deg", -81),
+        ("roll_deg", np.nan),
+        ("facet_seed", -1),
+        ("colour", 1),
+    ],
+)
 def test_a_target_that_cannot_be_is_refused(field: str, value: float) -> None:
     with pytest.raises(ValidationError, match=field):
         Target(**{field: value})

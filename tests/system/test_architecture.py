@@ -1,4 +1,7 @@
-"""The rules of the house: which package may import which, what stays out of start-up, where randomness comes from."""
+"""The rules of the house: which package and room may import which, what stays out of start-up, where randomness comes from.
+
+Imports count wherever they stand: at the top of a module, inside a function, or under TYPE_CHECKING.
+"""
 
 from __future__ import annotations
 
@@ -52,6 +55,133 @@ def imported(module: str) -> Iterator[str]:
 
 
 ALL = [(package, module) for package in PACKAGES for module in modules(package)]
+
+#: Rooms of a package from the ground up. A room may import the rooms before it and itself, none after it. A room is a folder
+#: or, where a module stands on the package's own level, that module. The two packages without folders have no rooms.
+ROOMS = {
+    "scenes": (
+        *("atomic", "llvm"),
+        *("marker", "target", "view", "tags"),
+        "projection",
+        "render",
+        *("face", "chessboard"),
+        "files",
+    ),
+    "detector": (
+        *("version", "compiled"),
+        "sensor",
+        "pattern",
+        "elements",
+        *("features", "rectify"),
+        "pose",
+        "detect",
+        "calibration",
+        "pnp",
+    ),
+    "experiments": ("scenario", "chain", "reporting", "studies", "api", "thesis", "explore", "cli"),
+}
+#: Room -> rooms that may import it, where the order alone would allow more.
+ONLY_FOR = {
+    "experiments.thesis": ("experiments.explore", "experiments.cli"),
+    "experiments.api": (),  # for users; inside, each function is taken from where it stands
+    **dict.fromkeys(
+        ("radiometry.thesis", "radiometry.corrections", "radiometry.extensions"),
+        ("radiometry.corrections", "radiometry.extensions", "experiments.thesis"),
+    ),
+}
+
+
+def room(module: str) -> str | None:
+    """Package and room of a module; None of a package itself."""
+    parts = module.split(".")
+    return ".".join(parts[:2]) if len(parts) > 1 else None
+
+
+@cache
+def imports() -> dict[str, frozenset[str]]:
+    """Every module of the project -> the modules of the project that it imports, wherever the import stands."""
+    known = {module for _, module in ALL}
+    return {module: frozenset(set(imported(module)) & known - {module}) for module in known}
+
+
+def breaks_the_rooms(importer: str, module: str) -> bool:
+    """Whether an import goes up, or into a room that is kept from the importer."""
+    from_room, to_room = room(importer), room(module)
+    if from_room is None or to_room is None or from_room == to_room:
+        return False
+    if to_room in ONLY_FOR and from_room not in ONLY_FOR[to_room]:
+        return True
+    package, own = from_room.split(".")
+    if to_room.split(".")[0] != package or package not in ROOMS:
+        return False  # between packages: `test_imports_go_one_way`
+    order = ROOMS[package]
+    return order.index(to_room.split(".")[1]) > order.index(own)
+
+
+def breaking() -> set[tuple[str, str]]:
+    """Every import that breaks a rule of the rooms, importer first."""
+    return {(m, name) for m, names in imports().items() for name in names if breaks_the_rooms(m, name)}
+
+
+def circles() -> list[list[str]]:
+    """Groups of modules that import one another in a circle."""
+    order = {m: set(names) for m, names in imports().items()}
+    # What imports nothing that is left, or is imported by nothing that is left, stands in no circle.
+    while loose := {m for m, names in order.items() if not names or not any(m in other for other in order.values())}:
+        order = {m: names - loose for m, names in order.items() if m not in loose}
+    groups: list[set[str]] = []
+    for module in order:
+        reached = _reached(order, module)
+        group = {other for other in reached if module in _reached(order, other)}
+        if group and group not in groups:
+            groups.append(group)
+    return [sorted(group) for group in groups]
+
+
+def _reached(order: dict[str, set[str]], start: str) -> set[str]:
+    """Modules that a module imports, and those that these import, and so on."""
+    found: set[str] = set()
+    todo = set(order[start])
+    while todo:
+        module = todo.pop()
+        found.add(module)
+        todo |= order[module] - found
+    return found
+
+
+@pytest.mark.parametrize("package", ROOMS)
+def test_every_room_has_its_place(package: str) -> None:
+    found = {room(module) for module in modules(package)} - {None}
+    assert found == {f"{package}.{name}" for name in ROOMS[package]}, "ROOMS says from the ground up what there is"
+
+
+def test_rooms_import_what_stands_before_them() -> None:
+    wrong = sorted(breaking())
+    assert not wrong, "\n".join(f"{importer} imports {module}" for importer, module in wrong)
+
+
+def test_the_pose_solvers_of_others_stand_apart() -> None:
+    """Rationale: they are what the detector is compared with, so neither may lean on the other."""
+    for module in modules("detector"):
+        if room(module) == "detector.pnp":
+            rooms = {room(name) for name in imports()[module] if name.startswith("detector")}
+            assert rooms <= {"detector.pnp"}, module
+
+
+def test_no_modules_import_one_another_in_a_circle() -> None:
+    assert circles() == []
+
+
+def test_a_deferred_import_counts_for_rooms_and_circles(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rationale: an import inside a function starts without an error and still ties two modules together."""
+    upward = ast.parse("def later():\n    from experiments.cli import main\n")
+    monkeypatch.setitem(modules("experiments"), "experiments.scenario.toml", upward)
+    imports.cache_clear()
+    try:
+        assert ("experiments.scenario.toml", "experiments.cli.main") in breaking()
+        assert any("experiments.scenario.toml" in group for group in circles())
+    finally:
+        imports.cache_clear()
 
 
 @pytest.mark.parametrize(("package", "module"), ALL, ids=[module for _, module in ALL])

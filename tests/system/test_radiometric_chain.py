@@ -127,10 +127,9 @@ def test_electrons_of_a_plate_have_the_mean_and_variance_of_the_closed_form(
 
 def bit_levels(scenario: Scenario, illumination: str, basis: TransportBasis) -> tuple[float, float, chain.LinkBudget]:
     """Rendered electron rates of bright bits and dark cells, and the closed-form budget."""
-    budget = chain.link_budget(scenario, illumination)
-    known = trials.known_values(
-        scenario, illumination, budget, chain.electron_rate(scenario, basis, illumination), [1.0]
-    )
+    case = chain.Case(scenario, illumination)
+    budget = case.link_budget
+    known = trials.known_values(case, budget, chain.electron_rate(scenario, basis, illumination), [1.0])
     return known["signal_expected"][0], known["background_expected"][0], budget
 
 
@@ -264,10 +263,11 @@ def test_rendered_snr_and_cnr_lie_within_their_intervals_as_often_as_stated(monk
     cases = 0
     for illumination in ("eclipse", "sunlit"):
         rate = chain.electron_rate(scenario, basis, illumination)
-        budget = chain.link_budget(scenario, illumination)
+        case = chain.Case(scenario, illumination)
+        budget = case.link_budget
         seconds = list(np.geomspace(20, 0.5 * sensor.full_well_electrons, 32) / budget.signal_rate)
-        known = trials.known_values(scenario, illumination, budget, rate, seconds)
-        drawn = trials.draw(scenario, rate, illumination, seconds)
+        known = trials.known_values(case, budget, rate, seconds)
+        drawn = trials.draw(case, rate, seconds)
         for k, t in enumerate(seconds):
             signal, background = known["signal_expected"][k], known["background_expected"][k]
             dark, noise = sensor.dark_electrons(t), sensor.total_noise_electrons

@@ -1,6 +1,7 @@
 """What the README and docs/ tell people to type works.
 
-README.md and the pages in the folders of docs/ are walked through as a reader would, in one folder a page, block by block:
+README.md, CONTRIBUTING.md and the pages in the folders of docs/ are walked through as a reader would, in one folder a page,
+block by block:
 `mantis` lines are run in this process with few rays and noise draws, Python blocks share their names, TOML blocks are read.
 Comments before a block say more of it:
 
@@ -15,6 +16,7 @@ form of each; their Python and TOML blocks are run and read.
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
 import json
 import re
@@ -23,6 +25,7 @@ import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from textwrap import dedent
 from typing import Any
 
 import click
@@ -31,16 +34,16 @@ import pytest
 from experiments.cli import main as cli
 from experiments.reporting.page import Page
 from experiments.scenario import load_scenario
-from experiments.studies.close.constraints import load_constraints
+from experiments.studies.close.constraints import load_problem
 from experiments.studies.sweep.study import load_sweep
 from materials import library
 
 ROOT = Path(__file__).parents[2]
 README, DOCS = ROOT / "README.md", ROOT / "docs"
-WALKED = [README, *sorted(DOCS.glob("*/*.md"))]
+WALKED = [README, ROOT / "CONTRIBUTING.md", *sorted(DOCS.glob("*/*.md"))]
 STUDIES = sorted(DOCS.glob("*.md"))
 SHELL = ("sh", "console", "bash")
-_FENCE = re.compile(r"^```([\w{}-]*)[ ]*\n(.*?)^```[ ]*$", re.MULTILINE | re.DOTALL)
+_FENCE = re.compile(r"^( *)```([\w{}-]*)[ ]*\n(.*?)^\1```[ ]*$", re.MULTILINE | re.DOTALL)
 _COMMENTS = re.compile(r"(?:<!-- [^\n]* -->\n)+\Z")
 #: Few rays and noise draws, for what is tested is that the words are right; a later `--set` wins.
 QUICK = {"render.marker_rays": "100_000", "render.frame_samples": "1"}
@@ -82,7 +85,7 @@ def blocks(page: Path) -> list[Block]:
     for match in _FENCE.finditer(text):
         before = _COMMENTS.search(text[: match.start()])
         said = dict(re.findall(r"<!-- ([\w ]+): (.*?) -->", before[0] if before else ""))
-        found.append(Block(page, text.count("\n", 0, match.start()) + 1, match[1], match[2], said))
+        found.append(Block(page, text.count("\n", 0, match.start()) + 1, match[2], dedent(match[3]), said))
     return found
 
 
@@ -121,7 +124,7 @@ def test_mantis_lines_parse(block: Block, line: str, monkeypatch: pytest.MonkeyP
     parsed = command.make_context(command.name, list(words), parent=context.parent)
     overrides = tuple(parsed.params.get("overrides") or ())
     if command.name == "close":
-        load_constraints(None, overrides)  # keys of its own, beside the scenario's
+        load_problem(None, overrides)  # keys of its own, beside the scenario's
         overrides = tuple(o for o in overrides if not o.startswith("close."))
     if overrides and "plan" not in parsed.params and "exits" not in block.said:
         load_scenario(overrides=tuple(o for o in overrides if ".toml" not in o))
@@ -250,6 +253,37 @@ def test_links_lead_somewhere(page: Path) -> None:
     for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", text):
         if not re.match(r"\w+:", target):
             assert (page.parent / target).exists(), f"{target} is not there"
+
+
+_PACKAGES = "radiometry|materials|scenes|detector|experiments|mantis"
+_DOTTED = re.compile(rf"`((?:{_PACKAGES})(?:\.\w+)+)`")
+_PATHS = re.compile(r"`((?:radiometry|materials|scenes|detector|experiments|tests|docs|benchmarks)/[\w./-]*)`")
+
+
+@pytest.mark.parametrize("page", WALKED, ids=names)
+def test_modules_functions_and_files_that_pages_name_are_there(page: Path) -> None:
+    """Rationale: a reader who looks for what a page names must find it, also after a move."""
+    text = page.read_text(encoding="utf-8")
+    missing = [name for name in _DOTTED.findall(text) if not name.endswith((".py", ".toml")) and not _is_there(name)]
+    missing += [path for path in _PATHS.findall(text) if not (ROOT / path).exists()]
+    assert missing == []
+
+
+def _is_there(dotted: str) -> bool:
+    """Whether a dotted name is a module, or an attribute of one."""
+    parts = dotted.split(".")
+    for cut in range(len(parts), 0, -1):
+        try:
+            found = importlib.import_module(".".join(parts[:cut]))
+        except ModuleNotFoundError:
+            continue
+        try:
+            for name in parts[cut:]:
+                found = getattr(found, name)
+        except AttributeError:
+            return False
+        return True
+    return False
 
 
 def _module(name: str) -> Any:

@@ -6,44 +6,24 @@ from pathlib import Path
 
 import click
 
-from experiments.cli.options import Options, RequirementNotMet, announce_variant, shared_options, with_progress
+from experiments.cli.options import Options, shared_options
+from experiments.cli.study_verb import StudyVerb, study_verb
 
 #: Endings of the files of a folder that count as images.
 IMAGE_ENDINGS = frozenset((".png", ".tif", ".tiff", ".pgm", ".jpg", ".jpeg", ".exr"))
 
 
-@click.command()
-@click.argument("scenario", required=False)
-@click.option("--quick", is_flag=True, help="One geometry and few frames: whether it works, within half a minute.")
-@click.option(
-    "--workers", type=click.IntRange(0), help="Processes beside the renderer's; 0 is none, default one a core."
-)
-@click.option("--require", type=click.Choice(["targets"]), help="Exit status 4 where a target is not met.")
-@shared_options
-def features(options: Options, scenario: str | None, quick: bool, workers: int | None, require: str | None) -> None:
-    """Corners, blobs and pose beside their Cramér–Rao bounds; detection beside other detectors; marker-free frames; calibrations.
-
-    Takes some ten minutes in full on two idle cores. Writes features.md, features.nc, tables and figures into the folder --out
-    (default out/features).
-    """
-    from experiments.reporting.terminal import plain_table
-    from experiments.studies.features import study, tables
-
-    chosen, out = options.scenario(scenario), options.out or Path("out/features")
-    announce_variant(options)
-    result = with_progress(options, lambda tell: study.run(chosen, quick, workers, tell))
-    words = ["mantis features", scenario, "--quick" if quick else None]
-    words += [f"--set {override}" for override in options.overrides]
-    words += [f"--seed {options.seed}"] if options.seed is not None else []
-    study.write(result, out, " ".join(word for word in words if word))
-    found = tables.targets(result.accuracy, result.detection, result.clutter, result.trials)
-    headline = tables.headline(found)
-    options.say(
-        headline, plain_table("Targets", tables.TARGET_HEADINGS, *tables.target_rows(found)), f"Page and data: {out}"
+features = study_verb(
+    StudyVerb(
+        name="features",
+        package="experiments.studies.features",
+        help="Corners, blobs and pose beside their Cramér–Rao bounds; detection beside other detectors; marker-free frames; "
+        "calibrations.\n\nTakes some ten minutes in full on two idle cores.",
+        quick="One geometry and few frames: whether it works, within half a minute.",
+        workers=True,
+        require={"targets": "no target is missed"},
     )
-    options.emit({"headline": headline, "targets": [vars(target) for target in found], "out": out})
-    if require and any(target.met is False for target in found):
-        raise RequirementNotMet(headline)
+)
 
 
 @click.command()

@@ -10,12 +10,11 @@ import click
 from experiments.cli.options import (
     EnvironmentLacking,
     Options,
-    RequirementNotMet,
     announce_variant,
     shared_options,
     with_progress,
 )
-from experiments.cli.study_verb import StudyVerb, study_verb
+from experiments.cli.study_verb import PlanOption, StudyVerb, study_verb
 from experiments.cli.verbs.measuring import calibrate, features
 
 
@@ -118,94 +117,41 @@ validate = study_verb(
 )
 
 
-@click.command()
-@click.argument("constraints", metavar="[CONSTRAINTS.toml]", required=False, type=click.Path(path_type=Path))
-@click.option("--quick", is_flag=True, help="Fewer worlds, and two sets confirmed at three ranges: within a minute.")
-@click.option("--no-render", is_flag=True, help="The closed form alone, nothing confirmed.")
-@click.option("--require", type=click.Choice(["closes"]), help="Exit status 4 where no set closes and is confirmed.")
-@click.option("--workers", type=click.IntRange(1), help="Processes for the noise draws; default one a core.")
-@shared_options
-def close(
-    options: Options, constraints: Path | None, quick: bool, no_render: bool, require: str | None, workers: int | None
-) -> None:
-    """Find the parameter sets that close the whole range, confirm them by rendering, and say what the margin hangs on.
-
-    Writes report.html, closure.md, figures and tables into the folder --out (default out/close). --set KEY=VALUE changes the
-    scenario, --set close.KEY=VALUE the constraints.
-    """
-    from experiments.reporting.terminal import plain_table
-    from experiments.studies.close import confirm as close_confirm
-    from experiments.studies.close import page as close_page
-    from experiments.studies.close import report as close_report
-    from experiments.studies.close import study
-    from experiments.studies.close.constraints import load_constraints
-
-    limits, base = load_constraints(constraints, options.overrides, options.seed)
-    out, limits = options.out or Path("out/close"), study.quick(limits) if quick else limits
-    found = study.study(limits, base, study.QUICK_DRAWS if quick else study.DRAWS)
-    every = found.to_confirm
-    chosen = (every[:1] + every[-1:] if len(every) > 1 else every) if quick else every
-    records = []
-    if chosen and not no_render:
-        announce_variant(options)
-        records = with_progress(options, lambda tell: close_confirm.confirm(chosen, limits, tell, workers))
-    command = " ".join(["mantis close", *([str(constraints)] if constraints else []), *(["--quick"] if quick else [])])
-    close_report.write(found, records, out, command + "".join(f" --set {o}" for o in options.overrides))
-    confirmed = close_confirm.summarise(records)
-    options.say(close_page.headline(found, confirmed))
-    if found.lead is not None:
-        for title, rows in (
-            ("Sets that close", close_page.proposed_rows(found, confirmed)),
-            ("The thesis's hardware", close_page.hardware_rows(found)),
-        ):
-            options.say(plain_table(title, *rows))
-        said = close_page.words(found, confirmed)
-        options.say(*(f"→ {close_page.plain(said[key])}" for key in ("binds", "sensitivity", "chance", "hardware")))
-    options.say(f"Report: {out / 'report.html'}   Page: {out / 'closure.md'}")
-    options.emit(close_page.as_json(found, confirmed))
-    if require and not any(c.confirmed for c in confirmed):
-        raise RequirementNotMet(close_page.headline(found, confirmed))
-
-
-@click.command()
-@click.argument("scenario", required=False)
-@click.option("--quick", is_flag=True, help="One range, four phase angles: a first look within a minute.")
-@click.option(
-    "--draws", type=click.IntRange(1), help="Noise draws of each geometry and mode; 8 give ± 2 %, the default."
+close = study_verb(
+    StudyVerb(
+        name="close",
+        package="experiments.studies.close",
+        help="Find the parameter sets that close the whole range, confirm them by rendering, and say what the margin depends on."
+        "\n\n--set KEY=VALUE changes the scenario, --set close.KEY=VALUE the constraints.",
+        source="CONSTRAINTS.toml",
+        load="experiments.studies.close.constraints.load_problem",
+        quick="Fewer worlds, and two sets confirmed at three ranges: within a minute.",
+        workers=True,
+        require={"closes": "a set closes and is confirmed"},
+        plan=(PlanOption("--no-render", "render", bool, "The closed form alone, nothing confirmed.", value=False),),
+    )
 )
-@click.option(
-    "--workers", type=click.IntRange(0), help="Processes beside the renderer's; 0 is none, default one a core."
-)
-@click.option(
-    "--require", type=click.Choice(["pair"]), help="Exit status 4 where the on/off pair misses the requirement."
-)
-@shared_options
-def glare(
-    options: Options, scenario: str | None, quick: bool, draws: int | None, workers: int | None, require: str | None
-) -> None:
-    """Detection and pose over the Sun's direction and range, counter-measure by counter-measure.
 
-    Takes some ten minutes in full on two idle cores. Writes report.html, glare.md, figures and data into the folder --out
-    (default out/glare).
-    """
-    from experiments.reporting.terminal import plain_table
-    from experiments.studies.glare import report as study
-    from experiments.studies.glare.tables import HEADINGS, TERMINAL, mode_rows, verdicts
 
-    chosen, out = options.scenario(scenario), options.out or Path("out/glare")
-    announce_variant(options)
-    result = with_progress(options, lambda tell: study.study(chosen, quick, draws, tell, workers))
-    words = ["mantis glare", scenario, "--quick" if quick else None, f"--draws {draws}" if draws else None]
-    words += [f"--set {override}" for override in options.overrides]
-    study.write(result, out, " ".join(word for word in words if word))
-    rows = mode_rows(result.summary)
-    short = [[line[k] for k in TERMINAL] for line in (HEADINGS, *rows)]
-    options.say(*study.findings(result), plain_table("Worst phase of each group", *short), f"Report and data: {out}")
-    met = verdicts(result.summary, study.TARGET_MODE)[0]
-    rows_out = [dict(zip(HEADINGS, row, strict=True)) for row in rows]
-    options.emit({"headline": study.headline(result), "meets": met, "modes": rows_out, "out": out})
-    if require and not met:
-        raise RequirementNotMet(study.headline(result))
+glare = study_verb(
+    StudyVerb(
+        name="glare",
+        package="experiments.studies.glare",
+        help="Detection and pose over the Sun's direction and range, counter-measure by counter-measure.\n\n"
+        "Takes some ten minutes in full on two idle cores.",
+        quick="One range, four phase angles: a first look within a minute.",
+        workers=True,
+        require={"pair": "the on/off pair meets the requirement"},
+        plan=(
+            PlanOption(
+                "--draws",
+                "draws",
+                click.IntRange(1),
+                "Noise draws of each geometry and mode; 8 give ± 2 %, the default.",
+            ),
+        ),
+    )
+)
 
 
 VERBS: tuple[click.Command, ...] = (sweep, cache, plot, validate, close, glare, features, calibrate)

@@ -3,206 +3,124 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import click
 
-from experiments.cli.options import Options, RequirementNotMet, announce_variant, shared_options, with_progress
+from experiments.cli.study_verb import PlanOption, StudyVerb, study_verb
 
-
-def _command(verb: str, options: Options, scenario: str | None, *flags: str | None) -> str:
-    """The command line that makes a page again, without its folder."""
-    words = [f"mantis {verb}", scenario, *flags, *(f"--set {o}" for o in options.overrides)]
-    words += [f"--seed {options.seed}"] if options.seed is not None else []
-    return " ".join(word for word in words if word)
-
-
-def _tell(options: Options, page: Any, out: Path, *tables: str) -> None:
-    """Headline, answers, statements and the named tables on the terminal, or all of them as JSON."""
-    from rich.markup import escape
-
-    from experiments.reporting.claims import statement_rows
-    from experiments.reporting.terminal import plain_table
-
-    def shown_table(title: str, lines: Any) -> Any:
-        # A unit in brackets would be taken for a style.
-        head, *rest = [[escape(str(cell)) for cell in line] for line in lines]
-        return plain_table(title, head, *rest)
-
-    header, *rows = statement_rows(page.statements)
-    shown = [shown_table("Printed, reproduced, right", [header, *rows])] if rows else []
-    shown += [shown_table(page.table_captions[name], page.tables[name]) for name in tables]
-    options.say(page.headline, *(f"→ {answer}" for answer in page.answers), *shown, f"Report and data: {out}")
-    options.emit(
-        {
-            "headline": page.headline, "passed": page.passed, "answers": list(page.answers), "out": out,
-            "statements": [dict(zip(header, row, strict=True)) for row in rows],
-        }
-    )  # fmt: skip
-
-
-@click.command()
-@click.argument("scenario", required=False)
-@click.option("--quick", is_flag=True, help="A few counts and one rendered face: a first look.")
-@shared_options
-def layout(options: Options, scenario: str | None, quick: bool) -> None:
-    """Several markers on faces of 1 to 10 m: footprint, markers in view over range, and one pose from all by rendering.
-
-    Takes some ten minutes in full. Writes report.html, layout.nc, data and figures into the folder --out (default out/layout).
-    """
-    from experiments.thesis.layout import page
-
-    chosen, out = options.scenario(scenario), options.out or Path("out/layout")
-    announce_variant(options)
-    command = _command("layout", options, scenario, "--quick" if quick else None)
-    result = with_progress(options, lambda tell: page.study(chosen, out, command, quick, tell))
-    _tell(options, result, out, "pose")
-
-
-@click.command()
-@click.argument("scenario", required=False)
-@click.option("--quick", is_flag=True, help="Nine tilts and a cut of five: a first look.")
-@shared_options
-def fov(options: Options, scenario: str | None, quick: bool) -> None:
-    """Field of view of an element and of the marker: equations 5.17 to 5.20, and rendered frames over pitch and yaw.
-
-    Takes some ten minutes in full. Writes report.html, fov.nc, data and figures into the folder --out (default out/fov).
-    """
-    from experiments.thesis.fov import page
-
-    chosen, out = options.scenario(scenario), options.out or Path("out/fov")
-    announce_variant(options)
-    command = _command("fov", options, scenario, "--quick" if quick else None)
-    result = with_progress(options, lambda tell: page.study(chosen, out, command, quick, tell))
-    _tell(options, result, out, "cone")
-
-
-@click.command()
-@click.argument("scenario", required=False)
-@click.option("--quick", is_flag=True, help="Four ranges instead of twenty.")
-@click.option("--limit-w", type=float, help="Mean power that may be drawn [W]; default the thesis's 5.")
-@click.option("--camera-w", type=float, help="What the camera draws [W]; default 2.5, an assumption.")
-@shared_options
-def power(options: Options, scenario: str | None, quick: bool, limit_w: float | None, camera_w: float | None) -> None:
-    """Frames a second within a power limit (equation 6.10), duty, tumble between frames, and what the LEDs stand.
-
-    Writes report.html, power.nc, data and figures into the folder --out (default out/power).
-    """
-    from pydantic import ValidationError
-
-    from experiments.scenario.errors import explain
-    from experiments.thesis.power import study
-    from radiometry.power import PowerPlan
-
-    given = {key: value for key, value in (("limit_w", limit_w), ("camera_w", camera_w)) if value is not None}
-    try:
-        plan = PowerPlan.model_validate(given)
-    except ValidationError as error:
-        raise ValueError(explain(error, PowerPlan)) from None
-    chosen, out = options.scenario(scenario), options.out or Path("out/power")
-    flags = [f"--{key.replace('_', '-')} {value:g}" for key, value in given.items()]
-    command = _command("power", options, scenario, "--quick" if quick else None, *flags)
-    _tell(options, study.study(chosen, plan, out, command, quick), out, "thesis")
-
-
-@click.command()
-@click.option(
-    "--results",
-    type=click.Path(path_type=Path),
-    default=Path("docs/data"),
-    show_default=True,
-    help="Folder with the tables of the other studies; what is not there is not verifiable.",
-)
-@click.option("--require", type=click.Choice(["met"]), help="Exit status 4 where a requirement is not met.")
-@shared_options
-def requirements(options: Options, results: Path, require: str | None) -> None:
-    """SYS-REQ-1 to 14 and STA-REQ-1 to 9, verified from this project's own results, beside the thesis's tables 8.4 and 8.5.
-
-    Writes report.html, requirements.nc, data and figures into the folder --out (default out/requirements).
-    """
-    from experiments.thesis.requirements import study
-
-    if not results.is_dir():
-        raise click.UsageError(f"--results {results}: no such folder; expected one with tables, as docs/data")
-    out = options.out or Path("out/requirements")
-    command = _command("requirements", options, None, None if results == Path("docs/data") else f"--results {results}")
-    page = study.study(options.scenario(None), results, out, command)
-    _tell(options, page, out, "requirements")
-    if require and not page.passed:
-        raise RequirementNotMet(page.headline)
-
-
-@click.command()
-@click.option("--quick", is_flag=True, help="One size, two tilts, three frames of each.")
-@click.option("--workers", type=click.IntRange(1), help="Processes that look at the frames; default one a core.")
-@shared_options
-def comparison(options: Options, quick: bool, workers: int | None) -> None:
-    """Attitude error over tilt at equal pixel size: this marker, ArUco, AprilTag and a protrusion rendered, lens and moiré
-    markers by closed form and as published.
-
-    Writes report.html, comparison.nc, data and figures into the folder --out (default out/comparison).
-    """
-    from experiments.thesis.comparison import study
-
-    out = options.out or Path("out/comparison")
-    announce_variant(options)
-    command = _command("comparison", options, None, "--quick" if quick else None)
-    page = with_progress(
-        options, lambda tell: study.study(out, command, quick, options.seed, options.overrides, workers, tell)
+layout = study_verb(
+    StudyVerb(
+        name="layout",
+        package="experiments.thesis.layout",
+        help="Several markers on faces of 1 to 10 m: footprint, markers in view over range, and one pose from all by "
+        "rendering.\n\nTakes some ten minutes in full.",
+        quick="A few counts and one rendered face: a first look.",
     )
-    _tell(options, page, out)
-
-
-@click.command()
-@click.option("--quick", is_flag=True, help="Two passes of three stations, and few chessboards: a first look.")
-@click.option("--workers", type=click.IntRange(1), help="Processes that look at the frames; default one a core.")
-@click.option(
-    "--require", type=click.Choice(["found"]), help="Exit status 4 unless every frame in eclipse is found, none wild."
 )
-@shared_options
-def physical(options: Options, quick: bool, workers: int | None, require: str | None) -> None:
-    """The physical experiment of sections 7.1 and 8.2 emulated: arm, calibrated camera, LEDs and halogen spot, all rendered.
-
-    Takes some three minutes in full on two idle cores. Writes report.html, physical.md, physical.nc, data and figures into the
-    folder --out (default out/physical).
-    """
-    from experiments.thesis.physical import arm, page
-
-    scenario, out = arm.load(options.overrides, options.seed), options.out or Path("out/physical")
-    announce_variant(options)
-    command = _command("physical", options, None, "--quick" if quick else None)
-    result = with_progress(options, lambda tell: page.study(scenario, out, command, quick, workers, tell))
-    _tell(options, result, out, "camera")
-    if require and not result.passed:
-        raise RequirementNotMet(result.headline)
 
 
-@click.command()
-@click.option(
-    "--results",
-    type=click.Path(path_type=Path),
-    multiple=True,
-    default=(Path("docs/data"),),
-    show_default=True,
-    help="Folder with a study's tables, or a study's own folder; may be given many times, the first that has a table counts.",
+fov = study_verb(
+    StudyVerb(
+        name="fov",
+        package="experiments.thesis.fov",
+        help="Field of view of an element and of the marker: equations 5.17 to 5.20, and rendered frames over pitch and "
+        "yaw.\n\nTakes some ten minutes in full.",
+        quick="Nine tilts and a cut of five: a first look.",
+    )
 )
-@shared_options
-def risk(options: Options, results: tuple[Path, ...]) -> None:
-    """Failure modes of section 8.3: their rates over the other studies' frames, and their places in the risk matrix.
-
-    Before is the thesis's pipeline, after this project's. Writes report.html, risk.md, risk.nc, data and figures into the folder
-    --out (default out/risk).
-    """
-    from experiments.thesis.risk import page
-
-    if options.overrides:
-        raise click.UsageError(
-            "risk: it reads results, so --set has nothing to change; give it to the studies that make them"
-        )
-    out = options.out or Path("out/risk")
-    flags = () if results == (Path("docs/data"),) else tuple(f"--results {folder}" for folder in results)
-    result = page.study(results, out, _command("risk", options, None, *flags))
-    _tell(options, result, out, "places")
 
 
-VERBS: tuple[click.Command, ...] = (layout, fov, power, requirements, comparison, physical, risk)
+POWER = StudyVerb(
+    name="power",
+    package="experiments.thesis.power",
+    help="Frames a second within a power limit (equation 6.10), duty, tumble between frames, and what the LEDs stand.",
+    quick="Four ranges instead of twenty.",
+    renders=False,
+    plan=(
+        PlanOption("--limit-w", "limit_w", float, "Mean power that may be drawn [W]; default the thesis's 5."),
+        PlanOption("--camera-w", "camera_w", float, "What the camera draws [W]; default 2.5, an assumption."),
+    ),
+)
+
+
+REQUIREMENTS = StudyVerb(
+    name="requirements",
+    package="experiments.thesis.requirements",
+    help=(
+        "SYS-REQ-1 to 14 and STA-REQ-1 to 9, verified from this project's own results, beside the thesis's tables 8.4 and 8.5."
+    ),
+    source="",
+    renders=False,
+    require={"met": "every system requirement is met or cannot be verified here"},
+    plan=(
+        PlanOption(
+            "--results",
+            "results",
+            click.Path(path_type=Path),
+            "Folder with the tables of the other studies; what is not there is not verifiable. Default docs/data.",
+        ),
+    ),
+)
+
+
+comparison = study_verb(
+    StudyVerb(
+        name="comparison",
+        package="experiments.thesis.comparison",
+        help="Attitude error over tilt at equal pixel size: this marker, ArUco, AprilTag and a protrusion rendered, lens and "
+        "moiré markers by closed form and as published.",
+        source="",
+        load="experiments.thesis.virtual.targets.load",
+        quick="One size, two tilts, three frames of each.",
+        workers=True,
+    )
+)
+
+
+physical = study_verb(
+    StudyVerb(
+        name="physical",
+        package="experiments.thesis.physical",
+        help="The physical experiment of sections 7.1 and 8.2 emulated: arm, calibrated camera, LEDs and halogen spot, all "
+        "rendered.\n\nTakes some three minutes in full on two idle cores.",
+        source="",
+        load="experiments.thesis.physical.arm.load",
+        quick="Two passes of three stations, and few chessboards: a first look.",
+        workers=True,
+        require={"found": "every frame in eclipse is found, and none is an outlier"},
+    )
+)
+
+
+RISK = StudyVerb(
+    name="risk",
+    package="experiments.thesis.risk",
+    help=(
+        "Failure modes of section 8.3: their rates over the other studies' frames, and their places in the risk matrix.\n\n"
+        "Before is the thesis's pipeline, after this project's."
+    ),
+    source="",
+    fixed="it reads the results of other studies",
+    renders=False,
+    plan=(
+        PlanOption(
+            "--results",
+            "results",
+            click.Path(path_type=Path),
+            "Folder with a study's tables, or a study's own folder; may be given many times, the first that has a table "
+            "counts. Default docs/data.",
+            multiple=True,
+        ),
+    ),
+)
+
+
+VERBS: tuple[click.Command, ...] = (
+    layout,
+    fov,
+    study_verb(POWER),
+    study_verb(REQUIREMENTS),
+    comparison,
+    physical,
+    study_verb(RISK),
+)

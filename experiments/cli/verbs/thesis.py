@@ -2,138 +2,72 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import click
 
-from experiments.cli.options import Options, RequirementNotMet, announce_variant, shared_options, with_progress
+from experiments.cli.study_verb import PlanOption, StudyVerb, study_verb
 from experiments.cli.verbs import system
 
-
-@click.command()
-@shared_options
-def errata(options: Options) -> None:
-    """The thesis's link budget as printed, repaired slip by slip, and in full; --out FOLDER writes page, figures and data."""
-    from experiments.thesis.errata import page as errata_page
-    from experiments.thesis.errata import study
-
-    if options.overrides:
-        raise click.UsageError(
-            "errata: its settings are the thesis's, so --set has nothing to change; use mantis budget"
-        )
-    dataset = study.run(options.out)
-    options.say(*errata_page.tables(dataset))
-    if options.out is not None:
-        from experiments.reporting.files import write_text
-        from experiments.thesis.errata.report import html
-
-        write_text(html(dataset, "mantis errata"), options.out / "report.html")
-        options.say(f"Report: {options.out / 'report.html'}   Page: {options.out / 'thesis-errata.md'}")
-    options.emit(errata_page.facts(dataset))
-
-
-@click.command()
-@click.argument("problem", metavar="[PROBLEM.toml]", required=False, type=click.Path(path_type=Path))
-@shared_options
-def tradeoff(options: Options, problem: Path | None) -> None:
-    """Analytic hierarchy process: the thesis's chapter 4 cell by cell, or the decision problem of a TOML file.
-
-    Writes scores, sensitivities and figures into the folder --out (default out/tradeoff).
-    """
-    from experiments.reporting.files import write_text
-    from experiments.reporting.terminal import plain_table
-    from experiments.thesis.tradeoff import report, study
-
-    out = options.out or Path("out/tradeoff")
-    result = study.run(out, problem)
-    cells = study.thesis_cells() if problem is None else []
-    text = (problem or study.THESIS_PROBLEM).read_text(encoding="utf-8")
-    command = f"mantis tradeoff {problem}" if problem else "mantis tradeoff"
-    write_text(report.html(result, text, cells, command), out / "report.html")
-    rows = {"Scores": study.summary_rows(result)}
-    if problem is None:
-        rows["The thesis's printed cells, by verdict"] = study.verdict_rows(cells)
-    options.say(
-        *(plain_table(title, *lines) for title, lines in rows.items()), f"Report and data: {out / 'report.html'}"
-    )
-    options.emit(
-        {
-            "out": out,
-            **{title: [dict(zip(lines[0], r, strict=False)) for r in lines[1:]] for title, lines in rows.items()},
-        }
-    )
-
-
-@click.command()
-@click.option("--quick", is_flag=True, help="A fiftieth of the scenes, at four ranges.")
-@shared_options
-def montecarlo(options: Options, quick: bool) -> None:
-    """Pose from points over random scenes: the thesis's Monte Carlo as listed and as meant, solver by solver.
-
-    Takes some ten minutes in full. Writes tables, figures and montecarlo.nc into the folder --out (default out/montecarlo).
-    """
-    from experiments.reporting.files import write_text
-    from experiments.reporting.terminal import plain_table
-    from experiments.thesis.montecarlo import report, study
-    from experiments.thesis.montecarlo.figures import summary_rows
-
-    out, seed = options.out or Path("out/montecarlo"), 1 if options.seed is None else options.seed
-    tree = study.run(out, seed, quick)
-    parts = {name: node.to_dataset() for name, node in tree.children.items()}
-    command = " ".join(
-        ["mantis montecarlo", *(["--quick"] if quick else []), *([f"--seed {seed}"] if seed != 1 else [])]
-    )
-    write_text(report.html(parts, seed, command), out / "report.html")
-    header, *rows = summary_rows(parts)
-    options.say(plain_table("Outliers of pose from points", header, *rows), f"Report and data: {out / 'report.html'}")
-    options.emit({"out": out, "outliers": [dict(zip(header, row, strict=True)) for row in rows]})
-
-
-@click.command()
-@click.option("--quick", is_flag=True, help="Three tests of some frames each: a first look.")
-@click.option(
-    "--step", "step_deg", type=click.FloatRange(0.01, 30), help="Steps of tilt [deg]; default the thesis's 0.1."
+ERRATA = StudyVerb(
+    name="errata",
+    package="experiments.thesis.errata",
+    help="The thesis's link budget as printed, with its errors corrected one by one, and in full.",
+    source="",
+    load="experiments.thesis.errata.study.load",
+    fixed="its settings are the thesis's",
+    renders=False,
 )
-@click.option("--workers", type=click.IntRange(1), help="Processes that look at the frames; default one a core.")
-@click.option("--resume", is_flag=True, help="Go on from the finished runs of a command that was interrupted.")
-@click.option("--require", type=click.Choice(["targets"]), help="Exit status 4 where Mantis misses a target.")
-@shared_options
-def virtual(
-    options: Options, quick: bool, step_deg: float | None, workers: int | None, resume: bool, require: str | None
-) -> None:
-    """The virtual experiment of table 8.1: pitch, range and detection over tilt, Mantis against other fiducials, all rendered.
 
-    Takes some fifteen minutes in full. Writes report.html, virtual.md, virtual.nc, data and figures into the folder --out
-    (default out/virtual).
-    """
-    from experiments.reporting.terminal import plain_table
-    from experiments.thesis.virtual import page as virtual_page
-    from experiments.thesis.virtual import summary, targets
 
-    scenario, out = targets.load(options.overrides, options.seed), options.out or Path("out/virtual")
-    announce_variant(options)
-    words = [
-        "mantis virtual",
-        "--quick" if quick else "",
-        f"--step {step_deg:g}" if step_deg else "",
-        *(f"--set {o}" for o in options.overrides),
-    ]
-    words += [f"--seed {options.seed}"] if options.seed is not None else []
-    command = " ".join(word for word in words if word)
-    page, result = with_progress(
-        options, lambda tell: virtual_page.run(scenario, out, command, quick, workers, tell, step_deg, resume)
+TRADEOFF = StudyVerb(
+    name="tradeoff",
+    package="experiments.thesis.tradeoff",
+    help="Analytic hierarchy process: the thesis's chapter 4 cell by cell, or the decision problem of a TOML file.",
+    source="PROBLEM.toml",
+    load="experiments.thesis.tradeoff.problem.load",
+    fixed="a decision problem is as its file says",
+    renders=False,
+)
+
+
+MONTECARLO = StudyVerb(
+    name="montecarlo",
+    package="experiments.thesis.montecarlo",
+    help=(
+        "Pose from points over random scenes: the thesis's Monte Carlo as listed and as meant, solver by solver.\n\n"
+        "Takes some ten minutes in full."
+    ),
+    source="",
+    load="experiments.thesis.montecarlo.study.load",
+    quick="A fiftieth of the scenes, at four ranges.",
+    renders=False,
+)
+
+
+virtual = study_verb(
+    StudyVerb(
+        name="virtual",
+        package="experiments.thesis.virtual",
+        help="The virtual experiment of table 8.1: pitch, range and detection over tilt, Mantis against other fiducials, all "
+        "rendered.\n\nTakes some fifteen minutes in full.",
+        source="",
+        load="experiments.thesis.virtual.targets.load",
+        quick="Three tests of some frames each: a first look.",
+        workers=True,
+        require={"targets": "Mantis meets its targets of error and detection"},
+        resume="Go on from the finished runs of a command that was interrupted.",
+        plan=(
+            PlanOption(
+                "--step", "step_deg", click.FloatRange(0.01, 30), "Steps of tilt [deg]; default the thesis's 0.1."
+            ),
+        ),
     )
-    header, *rows = summary.rows(result.summary)
-    shown = [[row[k].replace("[", "(").replace("]", ")") for k in summary.TERMINAL] for row in (header, *rows)]
-    options.say(
-        page.headline, *(f"→ {line}" for line in page.answers), plain_table("Tests", *shown),
-        f"Report and data: {out / 'report.html'}",
-    )  # fmt: skip
-    short = summary.missed(result.summary)
-    tests = [dict(zip(header, row, strict=True)) for row in rows]
-    options.emit({"headline": page.headline, "missed": short, "out": out, "tests": tests})
-    if require and short:
-        raise RequirementNotMet(short[0])
+)
 
 
-VERBS: tuple[click.Command, ...] = (errata, tradeoff, montecarlo, virtual, *system.VERBS)
+VERBS: tuple[click.Command, ...] = (
+    study_verb(ERRATA),
+    study_verb(TRADEOFF),
+    study_verb(MONTECARLO),
+    virtual,
+    *system.VERBS,
+)

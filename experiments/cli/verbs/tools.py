@@ -151,20 +151,17 @@ def marker(options: Options, scenario: str | None) -> None:
 @click.argument("names", metavar="[NAME|FILE.toml]...", nargs=-1)
 @shared_options
 def materials(options: Options, names: tuple[str, ...]) -> None:
-    """List the materials, or those named with their sources; --out FOLDER writes figures of lobe and spectrum, and a CSV."""
-    from dataclasses import asdict
+    """List the materials, or those named with their sources; --out FOLDER writes report.html, the page, figures and a CSV."""
+    from experiments.studies.materials import study
+    from experiments.studies.materials.page import page
+    from experiments.studies.materials.plan import Plan
 
-    from experiments.studies.materials import page as materials_page
-
-    rows = materials_page.run(options.out, names)
-    options.say(materials_page.as_table(rows), *(materials_page.sources(rows) if names else ()))
+    found = page(study.run(Plan(names)), " ".join(["mantis materials", *names]), named=bool(names))
+    options.say(*found.terminal())
     if options.out is not None:
-        from experiments.reporting.files import write_text
-        from experiments.studies.materials.report import html
-
-        write_text(html(rows, " ".join(["mantis materials", *names])), options.out / "report.html")
+        found.write(options.out)
         options.say(f"Report: {options.out / 'report.html'}   Page: {options.out / 'materials.md'}")
-    options.emit({"wavelength_nm": materials_page.WAVELENGTH_NM, "materials": [asdict(row) for row in rows]})
+    options.emit({**found.record(), "out": options.out})
 
 
 @click.command()
@@ -188,10 +185,10 @@ def explore(options: Options, scenario: str | None, host: str, port: int, no_bro
     announce_variant(options)
     from experiments.chain.executor import ProcessExecutor
     from experiments.explore.explorer import Explorer
+    from experiments.explore.geometries import GeometryStore
     from experiments.explore.server import LOOPBACK, Server
-    from experiments.explore.stock import Stock
 
-    with Stock(ProcessExecutor(1)) as stock, Server(Explorer(chosen, stock), host, port) as server:
+    with GeometryStore(ProcessExecutor(1)) as store, Server(Explorer(chosen, store), host, port) as server:
         options.say(server.url, "Ctrl-C ends it.")
         if host not in LOOPBACK:
             options.say(f"Whoever reaches {host} can see the page and have it render.")

@@ -79,10 +79,11 @@ def run(
                 exr.write_basis(basis, out / "transport" / f"range_{range_m:06.2f}m.exr")
             for illumination in walk.illuminations:
                 rate = chain.electron_rate(here, basis, illumination)
-                budget = chain.link_budget_beside(here, illumination, rate)
+                case = chain.Case(here, illumination)
+                budget = case.link_budget_beside(rate)
                 seconds = [chain.solve_exposure(here, budget, e) for e in walk.exposures_s]
-                known = known_values(here, illumination, budget, rate, seconds)
-                pending.append((submit(here, rate, illumination, seconds), known))
+                known = known_values(case, budget, rate, seconds)
+                pending.append((submit(case, rate, seconds), known))
                 if progress:
                     progress(sum(f.done() for f, _ in pending), len(steps), f"rendered {range_m:g} m")
         cases = []

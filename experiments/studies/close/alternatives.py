@@ -8,7 +8,7 @@ from typing import Any
 from experiments.scenario import Scenario, set_key, validate
 from experiments.studies.close.constraints import Constraints
 from experiments.studies.close.form import ClosedForm, closed_form
-from experiments.studies.close.search import Found, Point, search
+from experiments.studies.close.search import Point, SearchResult, search
 
 #: Criteria that light decides beyond the exposure's own choice of saturation: by these hardware is ranked.
 LIGHT_MARGINS = ("cnr", "sun", "glint", "energy", "power", "smear")
@@ -28,10 +28,10 @@ class Alternative:
     changes: int
     base: Scenario
     form: ClosedForm
-    found: Found
+    found: SearchResult
 
     @property
-    def lead(self) -> Point | None:
+    def recommended(self) -> Point | None:
         """The recommended set, with the hardware in its label; None where none closes."""
         proposed = self.found.proposed()
         return replace(proposed[0], hardware=self.name if self.changes else "") if proposed else None
@@ -39,7 +39,7 @@ class Alternative:
     @property
     def light_margin(self) -> float:
         """Smallest margin of the recommended set that light decides; 0 where none closes."""
-        return min(self.lead.margins[n] for n in LIGHT_MARGINS) if self.lead else 0.0
+        return min(self.recommended.margins[n] for n in LIGHT_MARGINS) if self.recommended else 0.0
 
 
 def alternatives(constraints: Constraints, base: Scenario) -> tuple[Alternative, ...]:
@@ -48,7 +48,7 @@ def alternatives(constraints: Constraints, base: Scenario) -> tuple[Alternative,
     What differs from the scenario's own is searched with the best tape alone.
     """
     own = _searched(constraints, base, {})
-    tape = own.lead.tape if own.lead else base.target.tape_material
+    tape = own.recommended.tape if own.recommended else base.target.tape_material
     narrowed = constraints.model_copy(update={"tapes": (tape,)})
     kinds = {"sensor": constraints.sensors, "filter": constraints.filters, "ring_radius_m": constraints.ring_radii_m}
     found, chosen = [own], {}

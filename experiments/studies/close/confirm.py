@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import csv
 from concurrent.futures import Future
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,15 +25,34 @@ from scenes.files.cache import TransportCache, default_folder
 
 #: Criteria that frames are held to in a confirmation; sampling and smear need none.
 _JUDGED = {
-    "saturation": "full_well_fraction", "cnr": "cnr_rendered", "detection": "detected_fraction",
-    "attitude": "attitude_error_p95_deg", "range": "range_error_p95",
-}  # fmt: skip
+    "saturation": "full_well_fraction",
+    "cnr": "cnr_rendered",
+    "detection": "detected_fraction",
+    "attitude": "attitude_error_p95_deg",
+    "range": "range_error_p95",
+}
+#: What is kept of every case.
+_KEPT = (
+    "exposure_s",
+    "full_well_fraction",
+    "cnr_analytic",
+    "cnr_rendered",
+    "smear_px",
+    "saturated_fraction",
+    "detected_fraction",
+    "attitude_error_p95_deg",
+    "range_error_p95",
+)
+#: Columns of a record that hold text; all others are numbers.
+_TEXT_COLUMNS = ("set", "illumination", "fails")
 
 
 def confirm(
-    chosen: tuple[tuple[Point, Scenario], ...], constraints: Constraints, progress: Progress | None = None,
+    chosen: tuple[tuple[Point, Scenario], ...],
+    constraints: Constraints,
+    progress: Progress | None = None,
     workers: int | None = None,
-) -> list[dict[str, Any]]:  # fmt: skip
+) -> list[dict[str, Any]]:
     """Render, expose and detect every set of its scenario at every view, range and light; the exposure follows the light.
 
     Returns:
@@ -51,16 +72,23 @@ def confirm(
                 point.scenario(base, constraints, constraints.end_of_life), view, range_m, constraints
             )
             for illumination in chain.SOURCES:
-                lit, budget, seconds = rung(here, illumination, constraints)
+                lit, budget, seconds = exposed(here, illumination, constraints)
                 quality = chain.quality(lit)
                 basis = store.basis(chain.view(lit), quality)
                 rate = chain.electron_rate(lit, basis, illumination)
-                known = trials.known_values(lit, illumination, budget, rate, [seconds])
+                case = chain.Case(lit, illumination)
+                known = trials.known_values(case, budget, rate, [seconds])
                 record = {
-                    "set": point.label, "pitch_deg": view.pitch_deg, "yaw_deg": view.yaw_deg, "phase_deg": view.phase_deg,
-                    "range_m": range_m, "illumination": illumination, "leds": lit.leds.count, "px_per_bit": budget.px_per_bit,
-                }  # fmt: skip
-                cases.append((record, submit(lit, rate, illumination, [seconds]), known))
+                    "set": point.label,
+                    "pitch_deg": view.pitch_deg,
+                    "yaw_deg": view.yaw_deg,
+                    "phase_deg": view.phase_deg,
+                    "range_m": range_m,
+                    "illumination": illumination,
+                    "leds": lit.leds.count,
+                    "px_per_bit": budget.px_per_bit,
+                }
+                cases.append((record, submit(case, rate, [seconds]), known))
             if progress:
                 progress(done, len(steps), f"rendered {range_m:g} m")
         return [
@@ -79,7 +107,9 @@ def _case_scenario(scenario: Scenario, view: ConfirmView, range_m: float, constr
     )
 
 
-def rung(scenario: Scenario, illumination: str, constraints: Constraints) -> tuple[Scenario, chain.LinkBudget, float]:
+def exposed(
+    scenario: Scenario, illumination: str, constraints: Constraints
+) -> tuple[Scenario, chain.LinkBudget, float]:
     """The scenario with as many of its LEDs on as the shortest pulse allows, its closed form, and its exposure [s]."""
     auto, budget = scenario.auto_exposure, chain.link_budget(scenario, illumination)
     wanted = auto.full_well_fraction * chain.usable_well_electrons(scenario.sensor) / auto.shortest_s
@@ -100,13 +130,14 @@ def _judged(
     values = {name: value[0] for name, value in known.items()} | drawn.values
     verdicts = closure.judge(base.requirement, {name: values[column] for name, column in _JUDGED.items()})
     failing = [v.name for v in verdicts if not v.passed]
-    kept = ("exposure_s", "full_well_fraction", "cnr_analytic", "cnr_rendered", "smear_px", "saturated_fraction",
-            "detected_fraction", "attitude_error_p95_deg", "range_error_p95")  # fmt: skip
     return {
-        **record, **{name: float(values[name]) for name in kept},
+        **record,
+        **{name: float(values[name]) for name in _KEPT},
         "signal_rendered_over_analytic": float(values["signal_expected"] / values["signal_analytic"]),
-        "trials": constraints.confirm.trials, "closes": not failing, "fails": " ".join(failing),
-    }  # fmt: skip
+        "trials": constraints.confirm.trials,
+        "closes": not failing,
+        "fails": " ".join(failing),
+    }
 
 
 @dataclass(frozen=True)
@@ -154,22 +185,44 @@ def summarise(records: list[dict[str, Any]]) -> list[Confirmed]:
         low = 0.05 ** (1 / frames) if found == frames else interval(found / frames, frames)[0]
         result.append(
             Confirmed(
-                label, len(mine), sum(bool(r["closes"]) for r in mine), frames, found, low,
-                _worst(mine, "attitude_error_p95_deg", np.nanmax), _worst(mine, "range_error_p95", np.nanmax),
-                _worst(mine, "cnr_rendered", np.nanmin),
-                float(np.max(np.abs(np.array([r["signal_rendered_over_analytic"] for r in mine]) - 1))), fails,
-                tuple(_case_text(r) for r in mine if not r["closes"]),
+                label=label,
+                cases=len(mine),
+                closing=sum(bool(r["closes"]) for r in mine),
+                frames=frames,
+                found=found,
+                found_low=low,
+                attitude_deg=_worst(mine, "attitude_error_p95_deg", np.nanmax),
+                range_error=_worst(mine, "range_error_p95", np.nanmax),
+                cnr=_worst(mine, "cnr_rendered", np.nanmin),
+                signal_difference=float(max(abs(r["signal_rendered_over_analytic"] - 1) for r in mine)),
+                fails=fails,
+                failing=tuple(_case_text(r) for r in mine if not r["closes"]),
             )
-        )  # fmt: skip
+        )
     return result
 
 
 def _case_text(record: dict[str, Any]) -> str:
     """'attitude and range at 2 m in sunlight, pitch 20°, yaw 0°, Sun at 10°'."""
     where = f"pitch {record['pitch_deg']:g}°, yaw {record['yaw_deg']:g}°, Sun at {record['phase_deg']:g}°"
-    return f"{listed(record['fails'].split())} at {record['range_m']:g} m in {ILLUMINATION_NAMES[record['illumination']]}, {where}"
+    light = ILLUMINATION_NAMES[record["illumination"]]
+    return f"{listed(record['fails'].split())} at {record['range_m']:g} m in {light}, {where}"
 
 
 def _worst(records: list[dict[str, Any]], key: str, of: Any) -> float:
     values = np.array([r[key] for r in records], float)
     return float(of(values)) if np.isfinite(values).any() else float("nan")
+
+
+def read_records(path: Path) -> list[dict[str, Any]]:
+    """Records of a confirmation from the table that the page writes.
+
+    Raises:
+        OSError: when the file cannot be read.
+    """
+    with path.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    return [
+        {k: v == "True" if k == "closes" else v if k in _TEXT_COLUMNS else float(v) for k, v in row.items()}
+        for row in rows
+    ]

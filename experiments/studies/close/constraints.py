@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -22,9 +23,19 @@ PREFIX = "close."
 
 #: What an uncertainty may scale.
 UNCERTAIN = (
-    "retro", "retro_life", "retro_tail", "tape_diffuse", "absorber", "foil_lobe", "full_well", "led_intensity",
-    "quantum_efficiency", "lens_transmission", "psf", "focal_length",
-)  # fmt: skip
+    "retro",
+    "retro_life",
+    "retro_tail",
+    "tape_diffuse",
+    "absorber",
+    "foil_lobe",
+    "full_well",
+    "led_intensity",
+    "quantum_efficiency",
+    "lens_transmission",
+    "psf",
+    "focal_length",
+)
 
 
 class _Model(BaseModel):
@@ -141,13 +152,20 @@ class Constraints(_Model):
         return max(scenario.target.tumble_deg_s / self.turn_per_frame_deg, 1.0)
 
 
-def load_constraints(
-    path: Path | str | None = None, overrides: tuple[str, ...] = (), seed: int | None = None
-) -> tuple[Constraints, Scenario]:
+@dataclass(frozen=True)
+class Problem:
+    """Constraints, and the scenario of the hardware that is not searched, as new."""
+
+    constraints: Constraints
+    base: Scenario
+
+
+def load_problem(path: Path | str | None = None, overrides: tuple[str, ...] = (), seed: int | None = None) -> Problem:
     """Constraints of a TOML file, by default the shipped one, and the scenario that they name.
 
     Args:
         overrides: ``key=value``; keys that begin with ``close.`` change the constraints, all others the scenario.
+        seed: of every random number; None is the scenario's.
 
     Raises:
         ScenarioError: one line that names the key, the value, and what was expected.
@@ -172,7 +190,7 @@ def load_constraints(
         raise ScenarioError(f"constraints: {explain(error, Constraints)}") from None
     of_scenario = tuple(o for o in overrides if not o.startswith(PREFIX))
     scenario = validate(load_data(constraints.scenario, of_scenario))
-    return constraints, scenario if seed is None else scenario.at(seed=seed)
+    return Problem(constraints, scenario if seed is None else scenario.at(seed=seed))
 
 
 def at_life(scenario: Scenario, constraints: Constraints, end: bool) -> Scenario:

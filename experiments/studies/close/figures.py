@@ -1,4 +1,4 @@
-"""Figures of the closure search: front, what binds over range, ladder, tornado, probability, and the rendered confirmation."""
+"""Figures of the closure search: front, what binds over range, exposures, tornado, probability, and the rendered confirmation."""
 
 from __future__ import annotations
 
@@ -10,28 +10,12 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, NullFormatter, NullLocator
 
 from experiments.reporting.figures import BLACK, BLUE, COLOURS, GREEN, MARKERS, ORANGE, PURPLE, VERMILION, new_figure
-from experiments.studies.close.search import fly, margins, sets_of
-from experiments.studies.close.sensitivity import FOLLOWING, FROZEN, Bar
-from experiments.studies.close.study import Study
+from experiments.studies.close.search import margins, operate, sets_of
+from experiments.studies.close.sensitivity import FIXED, FOLLOWING, Bar
+from experiments.studies.close.study import ClosureResult
 
 _SIZE_IN = (5.2, 4.0)
 _LIFE = {"worn": "end of life", "new": "new"}
-
-
-def figures(study: Study, records: list[dict[str, Any]]) -> dict[str, tuple[Figure, str]]:
-    """Every figure by name, with its caption; without a closing set there is none."""
-    if study.lead is None:
-        return {}
-    drawn = {
-        "front": (front(study), "Closing sets: mean power against marker size, coloured by focal length"),
-        "binding": (binding(study), "Margin of every criterion over range, recommended set, worst light"),
-        "ladder": (ladder_figure(study), "Pulse over range, recommended set"),
-        "tornado": (tornado_figure(study), "Smallest margin with one assumption at either end"),
-        "probability": (probability_figure(study), "Probability of closure over range"),
-    }
-    if records:
-        drawn["confirmation"] = (confirmation(study, records), "Rendered frames of the recommended set over range")
-    return drawn
 
 
 def _log_axis(axis: Any) -> None:
@@ -45,44 +29,59 @@ def _range_axis(axes: Axes) -> None:
     axes.xaxis.set_major_locator(MaxNLocator(steps=[1, 2, 5, 10]))
 
 
-def front(study: Study) -> Figure:
+def front(result: ClosureResult) -> Figure:
     """Mean power against marker size; colour is focal length, a ring marks the front, numbers the proposed sets."""
     figure, grid = new_figure(size_in=_SIZE_IN)
     axes: Axes = grid[0, 0]
-    cloud = study.found.closing
+    cloud = result.found.closing
     shown = axes.scatter(
-        [100 * p.size_m for p in cloud], [1e3 * p.power_w for p in cloud], c=[1e3 * p.focal_length_m for p in cloud],
-        cmap="viridis", s=14, linewidths=0, label="closes",
-    )  # fmt: skip
+        [100 * p.size_m for p in cloud],
+        [1e3 * p.power_w for p in cloud],
+        c=[1e3 * p.focal_length_m for p in cloud],
+        cmap="viridis",
+        s=14,
+        linewidths=0,
+        label="closes",
+    )
     axes.scatter(
-        [100 * p.size_m for p in study.found.front], [1e3 * p.power_w for p in study.found.front], s=46,
-        facecolors="none", edgecolors=BLACK, linewidths=0.9, label="Pareto front",
-    )  # fmt: skip
-    for p in study.proposed:
+        [100 * p.size_m for p in result.found.front],
+        [1e3 * p.power_w for p in result.found.front],
+        s=46,
+        facecolors="none",
+        edgecolors=BLACK,
+        linewidths=0.9,
+        label="Pareto front",
+    )
+    for p in result.proposed:
         axes.annotate(
-            f"{1e3 * p.focal_length_m:.4g} mm F/{p.f_number:.3g}", (100 * p.size_m, 1e3 * p.power_w), xytext=(-7, -4),
-            textcoords="offset points", ha="right", va="top", fontsize=8,
-        )  # fmt: skip
+            f"{1e3 * p.focal_length_m:.4g} mm F/{p.f_number:.3g}",
+            (100 * p.size_m, 1e3 * p.power_w),
+            xytext=(-7, -4),
+            textcoords="offset points",
+            ha="right",
+            va="top",
+            fontsize=8,
+        )
     axes.set_yscale("log")
     _log_axis(axes.yaxis)
     low, high = axes.get_xlim()
     axes.set_xlim(low - 0.3 * (high - low), high)
     axes.set_ylim(0.8 * axes.get_ylim()[0], None)  # room for the labels
     axes.set_xlabel("marker's side [cm]")
-    axes.set_ylabel(f"mean power at {study.constraints.frame_rate_hz(study.base):g} frames/s [mW]")
+    axes.set_ylabel(f"mean power at {result.constraints.frame_rate_hz(result.base):g} frames/s [mW]")
     figure.colorbar(shown, ax=axes, label="focal length [mm]")
     figure.legend(loc="outside lower center", ncols=2, fontsize=8)
     return figure
 
 
-def binding(study: Study) -> Figure:
+def binding(result: ClosureResult) -> Figure:
     """Margin of every criterion against range, the worst light of each."""
     figure, grid = new_figure(size_in=_SIZE_IN)
     axes: Axes = grid[0, 0]
-    assert study.lead is not None
-    sets = sets_of(study.form, study.lead)
-    found = margins(study.form, sets, study.constraints, fly(study.form, sets, study.constraints))
-    ranges = study.form.ranges_m
+    assert result.recommended is not None
+    sets = sets_of(result.form, result.recommended)
+    found = margins(result.form, sets, result.constraints, operate(result.form, sets, result.constraints))
+    ranges = result.form.ranges_m
     for i, (name, margin) in enumerate(found.items()):
         least = np.broadcast_to(margin, (1, *margin.shape[1:]))[0].min(axis=0)
         style: dict[str, Any] = {"color": COLOURS[i % len(COLOURS)], "marker": MARKERS[i % len(MARKERS)]}
@@ -97,22 +96,28 @@ def binding(study: Study) -> Figure:
     return figure
 
 
-def ladder_figure(study: Study) -> Figure:
+def exposures(result: ClosureResult) -> Figure:
     """Pulse against range, eclipse and brightest Sun, new and worn."""
     figure, grid = new_figure(size_in=_SIZE_IN)
     axes: Axes = grid[0, 0]
     styles = {
-        ("eclipse", "worn"): (BLUE, "o", "-"), ("sunlit", "worn"): (VERMILION, "s", "-"),
-        ("eclipse", "new"): (BLUE, "^", "--"), ("sunlit", "new"): (VERMILION, "D", "--"),
-    }  # fmt: skip
+        ("eclipse", "worn"): (BLUE, "o", "-"),
+        ("sunlit", "worn"): (VERMILION, "s", "-"),
+        ("eclipse", "new"): (BLUE, "^", "--"),
+        ("sunlit", "new"): (VERMILION, "D", "--"),
+    }
     for (illumination, life), (colour, marker, dash) in styles.items():
-        rungs = [r for r in study.rungs if (r.illumination, r.life) == (illumination, life)]
-        if rungs:
+        mine = [e for e in result.schedule if (e.illumination, e.life) == (illumination, life)]
+        if mine:
             name = "eclipse" if illumination == "eclipse" else "brightest Sun"
             axes.plot(
-                [r.range_m for r in rungs], [1e6 * r.pulse_s for r in rungs], color=colour, marker=marker, linestyle=dash,
+                [e.range_m for e in mine],
+                [1e6 * e.pulse_s for e in mine],
+                color=colour,
+                marker=marker,
+                linestyle=dash,
                 label=f"{name}, {_LIFE[life]}",
-            )  # fmt: skip
+            )
     axes.set_yscale("log")
     _log_axis(axes.yaxis)
     _range_axis(axes)
@@ -121,10 +126,10 @@ def ladder_figure(study: Study) -> Figure:
     return figure
 
 
-def tornado_figure(study: Study) -> Figure:
-    """Two panels: the exposure follows the light, and the ladder flown as it stands."""
-    assert study.tornado is not None
-    tornado = study.tornado
+def tornado_figure(result: ClosureResult) -> Figure:
+    """Two panels: the exposure follows the light, and the exposures that were set beforehand."""
+    assert result.tornado is not None
+    tornado = result.tornado
     figure, grid = new_figure(1, 2, size_in=(7.4, 4.2), sharey=True)
 
     def panel(axes: Axes, nominal: float, ends: Any, title: str, criteria: tuple[str, ...]) -> None:
@@ -143,7 +148,7 @@ def tornado_figure(study: Study) -> Figure:
         axes.set_xlabel(f"smallest margin [–] of\n{', '.join(criteria)}")
 
     panel(grid[0, 0], tornado.following, lambda b: b.following, "Exposure follows the light", FOLLOWING)
-    panel(grid[0, 1], tornado.frozen, lambda b: b.frozen, "Ladder flown as it stands", FROZEN)
+    panel(grid[0, 1], tornado.fixed, lambda b: b.fixed, "Exposures set beforehand", FIXED)
     names = [_bar_label(bar) for bar in tornado.bars]
     grid[0, 0].set_yticks(range(len(names)), names)
     grid[0, 0].invert_yaxis()
@@ -158,21 +163,26 @@ def _bar_label(bar: Bar) -> str:
     return f"{bar.name}, ×{bar.low:.3g} to ×{bar.high:.3g}"
 
 
-def probability_figure(study: Study) -> Figure:
-    """Share of drawn worlds that close at each range, following and frozen: the recommended set, and the best hardware's."""
+def probability_figure(result: ClosureResult) -> Figure:
+    """Share of drawn worlds that close at each range, for either kind of exposure: the recommended set, and the best "
+    "hardware's."""
     figure, grid = new_figure(size_in=_SIZE_IN)
     axes: Axes = grid[0, 0]
-    best = study.best.name if study.best else ""
-    own = [p for p in study.probabilities if p.label not in {a.name for a in study.alternatives}]
-    for i, p in enumerate([*own, *(p for p in study.probabilities if p.label == best)]):
+    best = result.best.name if result.best else ""
+    own = [p for p in result.probabilities if p.label not in {a.name for a in result.alternatives}]
+    for i, p in enumerate([*own, *(p for p in result.probabilities if p.label == best)]):
         for shares, dash, how in (
             (p.by_range[0], "-", "exposure follows"),
-            (p.by_range[1], ":", "ladder as it stands"),
+            (p.by_range[1], ":", "exposure set beforehand"),
         ):
             axes.plot(
-                study.form.ranges_m, 100 * shares, linestyle=dash, color=COLOURS[i % len(COLOURS)],
-                marker=MARKERS[i % len(MARKERS)], label=f"{p.label}, {how}",
-            )  # fmt: skip
+                result.form.ranges_m,
+                100 * shares,
+                linestyle=dash,
+                color=COLOURS[i % len(COLOURS)],
+                marker=MARKERS[i % len(MARKERS)],
+                label=f"{p.label}, {how}",
+            )
     axes.set_ylim(0, 103)
     _range_axis(axes)
     axes.set_ylabel("worlds in which the range closes [%]")
@@ -180,17 +190,17 @@ def probability_figure(study: Study) -> Figure:
     return figure
 
 
-def confirmation(study: Study, records: list[dict[str, Any]]) -> Figure:
+def confirmation(result: ClosureResult) -> Figure:
     """CNR and attitude error of the rendered frames of the recommended set, by view and light."""
-    assert study.lead is not None
+    assert result.recommended is not None
     figure, grid = new_figure(1, 2, size_in=(7.4, 3.9))
-    mine = [r for r in records if r["set"] == study.lead.label]
-    limits = study.base.requirement
+    mine = [r for r in result.records if r["set"] == result.recommended.label]
+    limits = result.base.requirement
     for axes, key, label, limit in (
         (grid[0, 0], "cnr_rendered", "CNR of a bit [–]", limits.cnr_min),
         (grid[0, 1], "attitude_error_p95_deg", "attitude error, 95th percentile [°]", limits.attitude_error_max_deg),
     ):
-        for i, view in enumerate(study.constraints.confirm.views):
+        for i, view in enumerate(result.constraints.confirm.views):
             where = (view.pitch_deg, view.yaw_deg, view.phase_deg)
             for illumination, fill in (("eclipse", "full"), ("sunlit", "none")):
                 here = [
@@ -199,10 +209,14 @@ def confirmation(study: Study, records: list[dict[str, Any]]) -> Figure:
                     if r["illumination"] == illumination and (r["pitch_deg"], r["yaw_deg"], r["phase_deg"]) == where
                 ]
                 axes.plot(
-                    [r["range_m"] for r in here], [r[key] for r in here], linestyle="", marker=MARKERS[i],
-                    color=(BLUE, GREEN, PURPLE)[i % 3], fillstyle=fill,
+                    [r["range_m"] for r in here],
+                    [r[key] for r in here],
+                    linestyle="",
+                    marker=MARKERS[i],
+                    color=(BLUE, GREEN, PURPLE)[i % 3],
+                    fillstyle=fill,
                     label=f"{view.label if illumination == 'sunlit' else view.label.rsplit(',', 1)[0]}, {illumination}",
-                )  # fmt: skip
+                )
         if key == "cnr_rendered":
             frontal = [r for r in mine if (r["pitch_deg"], r["yaw_deg"], r["illumination"]) == (0, 0, "eclipse")]
             axes.plot(

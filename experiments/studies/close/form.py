@@ -207,7 +207,9 @@ def closed_form(
 
         def rate(brdf: link.Brdf, where: tuple = (points, viewer, positions, fade)) -> float:
             points, viewer, positions, fade = where
-            transport = link.ring_transport(points, viewer, positions, FRONTAL[2], ring, brdf, wavelength)
+            transport = link.ring_transport(
+                points, viewer, positions, axis=FRONTAL[2], ring=ring, brdf=brdf, wavelength_nm=wavelength
+            )
             return float(np.mean(link.electron_rate(transport, wavelength, led, response) * fade))
 
         led_absorber[s, b, r] = rate(absorber.brdf)
@@ -230,13 +232,19 @@ def closed_form(
     foil = library.load(scenario.target.face_material)
     tables = [m.lobes.retro for m in materials]
     return ClosedForm(
-        scenario, tapes, sizes, ranges, phases, led_tape, led_absorber,
-        np.array([[[sunlit(m.brdf, p) for p in radians] for m in lobe] for lobe in lobes]),
-        np.array([sunlit(absorber.brdf, p) for p in radians]),
-        np.array([mirrored(foil.brdf, p) for p in radians]),
-        falloff,
-        np.array([np.radians(t.observation_deg[-1]) if t else np.inf for t in tables]),
-    )  # fmt: skip
+        scenario=scenario,
+        tapes=tapes,
+        sizes_m=sizes,
+        ranges_m=ranges,
+        phases_deg=phases,
+        led_tape=led_tape,
+        led_absorber=led_absorber,
+        sun_tape=np.array([[[sunlit(m.brdf, p) for p in radians] for m in lobe] for lobe in lobes]),
+        sun_absorber=np.array([sunlit(absorber.brdf, p) for p in radians]),
+        sun_foil=np.array([mirrored(foil.brdf, p) for p in radians]),
+        falloff=falloff,
+        last_angle_rad=np.array([np.radians(t.observation_deg[-1]) if t else np.inf for t in tables]),
+    )
 
 
 def _interpolate_fill(marker: MarkerDesign, aspect: float, px: FloatArray, sigma_px: FloatArray) -> FloatArray:

@@ -34,8 +34,8 @@ _CHUNK = 1000
 
 
 @dataclass(frozen=True)
-class Flight:
-    """How sets are flown: LEDs and pulse of every set, light and range, and what follows. Arrays (n, lights, ranges).
+class OperatingPoint:
+    """How sets are operated: LEDs and pulse of every set, illumination and range, and what follows. Arrays (n, lights, ranges).
 
     Attributes:
         leds: LEDs that are on.
@@ -60,30 +60,32 @@ class Flight:
 
 
 @dataclass(frozen=True)
-class Ladder:
-    """LEDs and pulses that are flown as they are, (lights, ranges), whatever the light turns out to be."""
+class ExposureSchedule:
+    """LEDs and pulses set beforehand, (lights, ranges), whatever the light turns out to be."""
 
     leds: FloatArray
     pulse_s: FloatArray
 
 
-def fly(form: ClosedForm, sets: Sets, constraints: Constraints, ladder: Ladder | None = None) -> Flight:
+def operate(
+    form: ClosedForm, sets: Sets, constraints: Constraints, schedule: ExposureSchedule | None = None
+) -> OperatingPoint:
     """Expose every set at every light and range.
 
-    Without a ladder the exposure follows the light: all LEDs of the set, the pulse that brings the bright bits to the wanted part
-    of full well, and fewer LEDs where that pulse would be shorter than the shortest.
+    Without a schedule the exposure follows the light: all LEDs of the set, the pulse that brings the bright bits to the wanted
+    part of full well, and fewer LEDs where that pulse would be shorter than the shortest.
     """
     scenario = form.scenario
     sensor, auto, rates = scenario.sensor, scenario.auto_exposure, form.rates(sets)
     well = (chain.usable_well_electrons(sensor) * sets.factor("full_well"))[:, None, None]
-    if ladder is None:
+    if schedule is None:
         wanted, dark = auto.full_well_fraction * well, sensor.dark_rate_electrons_per_s
         most = np.floor((wanted / auto.shortest_s - rates.sun_signal - dark) / rates.led_signal)
         leds = np.clip(most, 1, np.atleast_1d(sets.led_count)[:, None, None])
         longest = min(auto.longest_s, 1 / constraints.frame_rate_hz(scenario))
         pulse = np.clip(wanted / (leds * rates.led_signal + rates.sun_signal + dark), auto.shortest_s, longest)
     else:
-        leds, pulse = np.broadcast_arrays(ladder.leds, ladder.pulse_s)
+        leds, pulse = np.broadcast_arrays(schedule.leds, schedule.pulse_s)
         leds, pulse = leds[None], pulse[None]
     led = leds * rates.led_signal
     signal, background = (led + rates.sun_signal) * pulse, (leds * rates.led_background + rates.sun_background) * pulse
@@ -93,24 +95,32 @@ def fly(form: ClosedForm, sets: Sets, constraints: Constraints, ladder: Ladder |
     smear = link.smear_px(scenario.camera, form.ranges_m, speed, pulse) * scale[:, None, None]
     with np.errstate(divide="ignore"):
         ratio = np.where(rates.sun_signal > 0, led / rates.sun_signal, np.inf)
-    return Flight(
-        leds, pulse, signal, background, (signal + dark_e) / well, link.cnr(signal, background, dark_e, noise), smear,
-        ratio, rates.foil * pulse / well, scenario.leds.electrical_power_w * leds * pulse,
-    )  # fmt: skip
+    return OperatingPoint(
+        leds=leds,
+        pulse_s=pulse,
+        signal_e=signal,
+        background_e=background,
+        full_well_fraction=(signal + dark_e) / well,
+        cnr=link.cnr(signal, background, dark_e, noise),
+        smear_px=smear,
+        led_over_sun=ratio,
+        glint_over_well=rates.foil * pulse / well,
+        energy_j=scenario.leds.electrical_power_w * leds * pulse,
+    )
 
 
-def margins(form: ClosedForm, sets: Sets, constraints: Constraints, flight: Flight) -> dict[str, FloatArray]:
+def margins(form: ClosedForm, sets: Sets, constraints: Constraints, operating: OperatingPoint) -> dict[str, FloatArray]:
     """Factor by which every criterion is met, (n, lights, ranges) or broadcast against it; below 1 it fails."""
     requirement, c = form.scenario.requirement, constraints
-    energy = np.maximum(flight.energy_j, 1e-30)
+    energy = np.maximum(operating.energy_j, 1e-30)
     geometry = geometry_margins(form, sets, constraints)
     with np.errstate(divide="ignore"):
         illumination = {
-            "saturation": requirement.full_well_fraction_max / flight.full_well_fraction,
-            "cnr": flight.cnr / requirement.cnr_min,
-            "smear": requirement.smear_px_max / flight.smear_px,
-            "sun": flight.led_over_sun / c.led_over_sun_min,
-            "glint": c.glint_over_well_max / flight.glint_over_well,
+            "saturation": requirement.full_well_fraction_max / operating.full_well_fraction,
+            "cnr": operating.cnr / requirement.cnr_min,
+            "smear": requirement.smear_px_max / operating.smear_px,
+            "sun": operating.led_over_sun / c.led_over_sun_min,
+            "glint": c.glint_over_well_max / operating.glint_over_well,
             "energy": c.energy_per_frame_j / energy,
             "power": c.average_power_w / (energy * c.frame_rate_hz(form.scenario)),
         }
@@ -190,7 +200,7 @@ class Point:
 
 
 @dataclass(frozen=True)
-class Found:
+class SearchResult:
     """What a search found.
 
     Attributes:
@@ -206,20 +216,20 @@ class Found:
     front: tuple[Point, ...]
 
     def proposed(self) -> tuple[Point, ...]:
-        """Of every marker size on the front the set with the largest margin; the one with the largest of all leads."""
+        """Of every marker size on the front the set with the largest margin; the one with the largest of all comes first."""
         sizes = sorted({p.size_m for p in self.front}, reverse=True)
-        best = [max((p for p in self.front if p.size_m == size), key=_room) for size in sizes]
+        best = [max((p for p in self.front if p.size_m == size), key=_preference) for size in sizes]
         if not best:
             return ()
-        lead = max(best, key=_room)
-        return (lead, *(p for p in best if p != lead))
+        first = max(best, key=_preference)
+        return (first, *(p for p in best if p != first))
 
 
-def _room(point: Point) -> tuple[float, float]:
+def _preference(point: Point) -> tuple[float, float]:
     return round(point.margin, 4), -point.power_w
 
 
-def search(form: ClosedForm, constraints: Constraints) -> Found:
+def search(form: ClosedForm, constraints: Constraints) -> SearchResult:
     """Every set of the grid that closes, and the Pareto front of power, marker size and focal length."""
     face = form.scenario.target.face_m
     grid = [
@@ -234,7 +244,7 @@ def search(form: ClosedForm, constraints: Constraints) -> Found:
         and f / n <= constraints.aperture_max_m * (1 + 1e-9)
     ]
     if not grid:
-        return Found(0, 0, (), ())
+        return SearchResult(0, 0, (), ())
     tape, size, focal, f_number = (np.array(column) for column in zip(*grid, strict=True))
     allowed = Sets(tape, size, focal, f_number, np.ones(len(grid)))
     geometric = np.array([v.min(axis=1) for v in geometry_margins(form, allowed, constraints).values()]).min(axis=0)
@@ -250,33 +260,39 @@ def search(form: ClosedForm, constraints: Constraints) -> Found:
                     best[key] = replace(point, fewest_leds=best[key].fewest_leds if key in best else count)
     closing = tuple(best.values())
     tried, focused = len(grid) * len(constraints.led_counts), len(kept) * len(constraints.led_counts)
-    return Found(tried, focused, closing, pareto(closing))
+    return SearchResult(tried, focused, closing, pareto(closing))
 
 
 def points(form: ClosedForm, sets: Sets, constraints: Constraints) -> list[Point]:
     """Every set with the smallest margin of each criterion, whether it closes or not."""
     if np.size(sets.tape) == 0:
         return []
-    flight = fly(form, sets, constraints)
-    found = margins(form, sets, constraints, flight)
-    shape = flight.pulse_s.shape
+    operating = operate(form, sets, constraints)
+    found = margins(form, sets, constraints, operating)
+    shape = operating.pulse_s.shape
     full = np.stack([np.broadcast_to(m, shape) for m in found.values()])  # (criteria, n, lights, ranges)
     least = full.min(axis=(2, 3))
     first = np.argmin(least, axis=0)
-    energy = flight.energy_j.max(axis=(1, 2))
+    energy = operating.energy_j.max(axis=(1, 2))
     rate, each = constraints.frame_rate_hz(form.scenario), form.scenario.leds.electrical_power_w
     names, result = list(found), []
     for i in range(shape[0]):
         at = np.unravel_index(int(np.argmin(full[first[i], i])), shape[1:])[1]
         result.append(
             Point(
-                form.tapes[int(sets.tape[i])], float(form.sizes_m[int(sets.size[i])]), float(sets.focal_length_m[i]),
-                float(sets.f_number[i]), int(sets.led_count[i]), int(sets.led_count[i]),
-                dict(zip(names, map(float, least[:, i]), strict=True)),
-                (names[first[i]], float(form.ranges_m[at])), float(energy[i]), float(energy[i] * rate),
-                float(sets.led_count[i] * each),
+                tape=form.tapes[int(sets.tape[i])],
+                size_m=float(form.sizes_m[int(sets.size[i])]),
+                focal_length_m=float(sets.focal_length_m[i]),
+                f_number=float(sets.f_number[i]),
+                led_count=int(sets.led_count[i]),
+                fewest_leds=int(sets.led_count[i]),
+                margins=dict(zip(names, map(float, least[:, i]), strict=True)),
+                binding=(names[first[i]], float(form.ranges_m[at])),
+                energy_j=float(energy[i]),
+                power_w=float(energy[i] * rate),
+                peak_power_w=float(sets.led_count[i] * each),
             )
-        )  # fmt: skip
+        )
     return result
 
 
@@ -294,6 +310,10 @@ def sets_of(form: ClosedForm, point: Point, factors: dict[str, FloatArray] | Non
     """One set as arrays, with factors on its assumptions."""
     size = int(np.argmin(np.abs(form.sizes_m - point.size_m)))
     return Sets(
-        np.array([form.tapes.index(point.tape)]), np.array([size]), np.array([point.focal_length_m]),
-        np.array([point.f_number]), np.array([point.led_count]), factors or {},
-    )  # fmt: skip
+        tape=np.array([form.tapes.index(point.tape)]),
+        size=np.array([size]),
+        focal_length_m=np.array([point.focal_length_m]),
+        f_number=np.array([point.f_number]),
+        led_count=np.array([point.led_count]),
+        factors=factors or {},
+    )

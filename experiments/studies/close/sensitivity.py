@@ -10,24 +10,24 @@ from numpy.typing import NDArray
 from experiments.chain.statistics import binomial_interval
 from experiments.studies.close.constraints import Constraints
 from experiments.studies.close.form import ClosedForm
-from experiments.studies.close.search import Ladder, Point, fly, margins, sets_of
+from experiments.studies.close.search import ExposureSchedule, Point, margins, operate, sets_of
 from radiometry.geometry import FloatArray
 
 #: Criteria that an exposure which follows the light leaves to the light: it holds saturation where it was.
 FOLLOWING = ("cnr", "smear", "sun", "glint", "energy", "power")
-#: Criteria that decide a pulse flown as it stands in the ladder.
-FROZEN = ("saturation", "cnr")
+#: Criteria that decide a pulse that was set beforehand.
+FIXED = ("saturation", "cnr")
 
 
 @dataclass(frozen=True)
 class Bar:
-    """One assumption of a tornado: smallest margins of `FOLLOWING` and of `FROZEN` at the low and the high end."""
+    """One assumption of a tornado: smallest margins of `FOLLOWING` and of `FIXED` at the low and the high end."""
 
     name: str
     low: float
     high: float
     following: tuple[float, float]
-    frozen: tuple[float, float]
+    fixed: tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -35,46 +35,48 @@ class Tornado:
     """Margins as assumed, and by assumption, the most telling first."""
 
     following: float
-    frozen: float
+    fixed: float
     bars: tuple[Bar, ...]
 
 
 @dataclass(frozen=True)
 class Probability:
-    """Share of drawn worlds in which a set closes, with the exposure following the light and with the ladder frozen.
+    """Share of drawn worlds in which a set closes, with an exposure that follows the light and with a fixed schedule.
 
     Attributes:
         label: what differs from the other probabilities.
         draws: worlds drawn.
-        following, frozen: share that closes at every range and light; `*_ci95` the ends of its Clopper–Pearson interval.
-        by_range: share that closes at each range, (following and frozen, ranges).
-        failing: share of worlds in which a criterion fails, following and frozen.
+        following, fixed: share that closes at every range and light; `*_ci95` the ends of its Clopper–Pearson interval.
+        by_range: share that closes at each range, (following and fixed, ranges).
+        failing: share of worlds in which a criterion fails, following and fixed.
     """
 
     label: str
     draws: int
     following: float
     following_ci95: tuple[float, float]
-    frozen: float
-    frozen_ci95: tuple[float, float]
+    fixed: float
+    fixed_ci95: tuple[float, float]
     by_range: FloatArray
     failing: dict[str, tuple[float, float]]
 
 
-def ladder(form: ClosedForm, point: Point, constraints: Constraints) -> Ladder:
+def scheduled(form: ClosedForm, point: Point, constraints: Constraints) -> ExposureSchedule:
     """LEDs and pulses of a set under the assumptions as they are, (lights, ranges)."""
-    flown = fly(form, sets_of(form, point), constraints)
-    return Ladder(flown.leds[0], flown.pulse_s[0])
+    operating = operate(form, sets_of(form, point), constraints)
+    return ExposureSchedule(operating.leds[0], operating.pulse_s[0])
 
 
 def tornado(form: ClosedForm, point: Point, constraints: Constraints) -> Tornado:
     """Margins with one assumption at a time at either end, the others as assumed."""
-    frozen = ladder(form, point, constraints)
+    fixed = scheduled(form, point, constraints)
 
     def least(factors: dict[str, FloatArray]) -> tuple[float, float]:
         sets = sets_of(form, point, factors)
-        found = [margins(form, sets, constraints, fly(form, sets, constraints, flown)) for flown in (None, frozen)]
-        return min(float(found[0][n].min()) for n in FOLLOWING), min(float(found[1][n].min()) for n in FROZEN)
+        found = [
+            margins(form, sets, constraints, operate(form, sets, constraints, schedule)) for schedule in (None, fixed)
+        ]
+        return min(float(found[0][n].min()) for n in FOLLOWING), min(float(found[1][n].min()) for n in FIXED)
 
     bars = []
     for u in constraints.uncertainties:
@@ -83,7 +85,7 @@ def tornado(form: ClosedForm, point: Point, constraints: Constraints) -> Tornado
     nominal = least({})
 
     def swing(bar: Bar) -> float:
-        ends = np.log([bar.following, bar.frozen])
+        ends = np.log([bar.following, bar.fixed])
         return float(np.abs(ends[:, 1] - ends[:, 0]).max())
 
     return Tornado(*nominal, tuple(sorted(bars, key=swing, reverse=True)))
@@ -97,13 +99,13 @@ def probability(
         u.key: np.exp(rng.uniform(np.log(u.low), np.log(u.high), draws)) if u.high > u.low else np.ones(draws)
         for u in constraints.uncertainties
     }
-    frozen = ladder(form, point, constraints)
+    fixed = scheduled(form, point, constraints)
     closed: list[list[NDArray[np.bool_]]] = [[], []]
     failing: dict[str, list[list[NDArray[np.bool_]]]] = {}
     for part in np.array_split(np.arange(draws), max(1, draws // 500)):
         sets = sets_of(form, point, {k: v[part] for k, v in worlds.items()}).take(np.zeros(len(part), int))
-        for how, flown in enumerate((None, frozen)):
-            found = margins(form, sets, constraints, fly(form, sets, constraints, flown))
+        for how, schedule in enumerate((None, fixed)):
+            found = margins(form, sets, constraints, operate(form, sets, constraints, schedule))
             ok = np.ones((len(part), len(form.ranges_m)), bool)
             for name, margin in found.items():
                 passed = np.all(np.broadcast_to(margin, (len(part), *margin.shape[1:])) >= 1, axis=1)
@@ -113,10 +115,17 @@ def probability(
     by_range = [np.concatenate(parts) for parts in closed]
     shares = [float(ok.all(axis=1).mean()) for ok in by_range]
     return Probability(
-        label, draws, shares[0], interval(shares[0], draws), shares[1], interval(shares[1], draws),
-        np.array([ok.mean(axis=0) for ok in by_range]),
-        {n: (float(np.concatenate(f[0]).mean()), float(np.concatenate(f[1]).mean())) for n, f in failing.items()},
-    )  # fmt: skip
+        label=label,
+        draws=draws,
+        following=shares[0],
+        following_ci95=interval(shares[0], draws),
+        fixed=shares[1],
+        fixed_ci95=interval(shares[1], draws),
+        by_range=np.array([ok.mean(axis=0) for ok in by_range]),
+        failing={
+            n: (float(np.concatenate(f[0]).mean()), float(np.concatenate(f[1]).mean())) for n, f in failing.items()
+        },
+    )
 
 
 def interval(share: float, draws: int) -> tuple[float, float]:

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
 from scipy.spatial.transform import Rotation
 
-from detector.features import find_features
+from detector.detect import detect
 from detector.pose.bounds import blob_bound, corner_bound, pose_bound
-from detector.pose.pose import solve_pose
-from detector.sensor.noise import noise_of
 from detector.sensor.sensor import expose
-from experiments import chain
 from experiments.chain.executor import pool
 from experiments.chain.progress import Progress
 from experiments.scenario import Scenario
-from experiments.studies.shared.frames import Case, Truth
+from experiments.studies.features.plan import Plan
+from experiments.studies.shared.frames import Case
+from experiments.studies.shared.truth import Truth
 from radiometry.geometry import FloatArray
 from scenes.marker import ELEMENT_NAMES
 
@@ -27,7 +25,7 @@ BOUND_SHIFT_PX = (0.25, 0.25)
 #: A blob narrower than this is outside the target [px].
 WIDE_ENOUGH_PX = 3.0
 
-#: Unit and long name of every variable of `study`, dimensions range_m and pitch_deg, and `element` for the blobs.
+#: Unit and long name of every variable of `run`, dimensions range_m and pitch_deg, and `element` for the blobs.
 VARIABLES: dict[str, tuple[str, str]] = {
     "blob_width_px": ("pixel", "width of the blobs at half their height"),
     "bit_px": ("pixel", "pixels along the shorter side of a bit"),
@@ -51,43 +49,73 @@ VARIABLES: dict[str, tuple[str, str]] = {
     "range_scatter_m": ("m", "scatter of the range over noise draws"),
     "range_stated_m": ("m", "standard deviation of the range that the pose solver states"),
     "range_bias_m": ("m", "mean error of the range over noise and sub-pixel positions"),
-}  # fmt: skip
+}
 #: Those with a value for each element.
 PER_ELEMENT = frozenset(name for name in VARIABLES if name.startswith("blob_") and name != "blob_width_px")
 
 
 @dataclass(frozen=True)
-class Errors:
-    """Errors (shifts, draws, coordinates) of one geometry's frames, NaN where not found, and what is stated of them."""
+class ShiftedFrames:
+    """One geometry at some sub-pixel positions, before it is exposed.
 
-    corners: FloatArray  # 8 [px]
+    Attributes:
+        rates: electron rates (shifts, height, width) [e⁻/s].
+        shifts_px: positions (shifts, 2).
+        seconds: exposure.
+    """
+
+    scenario: Scenario
+    truth: Truth
+    rates: FloatArray
+    shifts_px: FloatArray
+    seconds: float
+
+    @classmethod
+    def of(cls, case: Case, shifts_px: FloatArray) -> ShiftedFrames:
+        """A case at some positions (shifts, 2)."""
+        rates = np.array([case.fine.image(tuple(s)) for s in shifts_px])
+        return cls(case.scenario, case.truth, rates, shifts_px, case.exposure.seconds)
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Errors (shifts, draws, coordinates) of one geometry's frames, NaN where not found, and what is stated of them.
+
+    Attributes:
+        corners: of eight coordinates [px].
+        blobs: of four blobs along their elements [px].
+        pose: rotation vector [rad], then the translation [m], six together.
+        corners_sigma, blobs_sigma, pose_sigma: standard deviations that detector and pose solver state.
+    """
+
+    corners: FloatArray
     corners_sigma: FloatArray
-    blobs: FloatArray  # 4, along the elements [px]
+    blobs: FloatArray
     blobs_sigma: FloatArray
-    pose: FloatArray  # 6: rotation vector [rad], then the translation turned into the true line of sight [m]
+    pose: FloatArray
     pose_sigma: FloatArray
 
 
-def measure(
-    scenario: Scenario, truth: Truth, images: FloatArray, shifts: FloatArray, seconds: float, draws: int, seed: int
-) -> Errors:
-    """Expose each image (shifts, height, width) [electrons/s] `draws` times and look at it."""
-    shape = (len(images), draws)
+def measure(frames: ShiftedFrames, draws: int, seed: int) -> Errors:
+    """Errors over noise draws: the frame at each position is exposed `draws` times and searched."""
+    scenario, shape = frames.scenario, (len(frames.rates), draws)
     sizes = {"corners": 8, "corners_sigma": 8, "blobs": 4, "blobs_sigma": 4, "pose": 6, "pose_sigma": 6}
     out = {name: np.full((*shape, size), np.nan) for name, size in sizes.items()}
     rng = np.random.default_rng(seed)
     for i, j in np.ndindex(shape):
-        frame = expose(scenario.sensor, images[i], seconds, rng).dn
-        _look(scenario, truth, frame, tuple(shifts[i]), {name: values[i, j] for name, values in out.items()})
+        image = expose(scenario.sensor, frames.rates[i], frames.seconds, rng).dn
+        here = {name: values[i, j] for name, values in out.items()}
+        _errors(scenario, frames.truth, image, tuple(frames.shifts_px[i]), here)
     return Errors(**out)
 
 
-def _look(
+def _errors(
     scenario: Scenario, truth: Truth, frame: FloatArray, shift: tuple[float, float], out: dict[str, FloatArray]
 ) -> None:
-    camera, marker = truth.view.camera, scenario.marker
-    noise, ring_m = noise_of(scenario.sensor, frame), scenario.leds.ring_radius_m
-    features = find_features(frame, marker, camera, noise, light_ring_m=ring_m)
+    """Fill in the errors of one frame, whose image is moved by a shift."""
+    ring_m = scenario.leds.ring_radius_m
+    found = detect(frame, scenario.marker, truth.view.camera, sensor=scenario.sensor, led_ring_radius_m=ring_m)
+    features, pose = found.features, found.pose
     if features.corners_px is None or features.joint_covariance_px2 is None:
         return
     out["corners"][:] = (features.corners_px - truth.corners_px - shift).ravel()
@@ -98,7 +126,6 @@ def _look(
             along = truth.along_px[name] / np.linalg.norm(truth.along_px[name])
             out["blobs"][k] = (place - truth.blobs_px[name] - shift) @ along
             out["blobs_sigma"][k] = features.blob_sigma_px[name]
-    pose = solve_pose(features, marker, camera)
     if pose is not None:
         rotation, translation = truth.pose(shift)
         out["pose"][:3] = Rotation.from_matrix(pose.rotation @ rotation.T).as_rotvec()
@@ -142,7 +169,7 @@ def summarise(case: Case, errors: Errors, bounds: dict[str, FloatArray]) -> dict
     spread, stated = scatter(errors.pose), np.sqrt(_mean(errors.pose_sigma**2, (0, 1)))
     return {
         "blob_width_px": case.truth.blob_width_px,
-        "bit_px": case.scenario.marker.bit_m * min(chain.bit_scale_px(case.truth.view)),
+        "bit_px": case.truth.px_per_bit,
         "found": float(np.isfinite(errors.corners[..., 0]).mean()),
         "corner_bound_px": _rms(bounds["corners"]),
         "corner_scatter_px": _rms(scatter(errors.corners)),
@@ -172,25 +199,38 @@ def bounds_of(case: Case, illumination: str) -> dict[str, FloatArray]:
     before, after, step = case.beside(illumination)
     corners = corner_bound(case.fine, marker, truth.corners_px, case.exposure, shift)
     blobs = [
-        blob_bound(case.fine, before, after, step, marker, e, truth.corners_px, case.exposure, shift)
-        * float(np.linalg.norm(truth.along_px[e.name]))
-        for e in marker.elements
+        blob_bound(
+            fine=case.fine,
+            before=before,
+            after=after,
+            step_m=step,
+            marker=marker,
+            element=element,
+            corners_px=truth.corners_px,
+            exposure=case.exposure,
+            shift_px=shift,
+        )
+        * float(np.linalg.norm(truth.along_px[element.name]))
+        for element in marker.elements
     ]
     pose = pose_bound(
-        case.fine, case.orbit(illumination), marker, truth.view.camera, truth.view.translation_m, truth.corners_px,
-        case.exposure, shift,
-    )  # fmt: skip
+        fine=case.fine,
+        orbit=case.orbit(illumination),
+        marker=marker,
+        camera=truth.view.camera,
+        translation_m=truth.view.translation_m,
+        corners_px=truth.corners_px,
+        exposure=case.exposure,
+        shift_px=shift,
+    )
     return {"corners": np.sqrt(np.diag(corners)), "blobs": np.array(blobs), "pose": np.sqrt(np.diag(pose))}
 
 
-def study(
-    scenario: Scenario, ranges_m: Iterable[float], pitches_deg: Iterable[float], shifts: int, draws: int,
-    workers: int | None = None, progress: Progress | None = None,
-) -> xr.Dataset:  # fmt: skip
+def run(scenario: Scenario, plan: Plan, workers: int | None = None, progress: Progress | None = None) -> xr.Dataset:
     """Bounds, scatter and bias over range and pitch, in eclipse; each geometry at some sub-pixel positions and noise draws."""
     illumination = "eclipse"
-    grid = [(r, p) for r in ranges_m for p in pitches_deg]
-    places = np.random.default_rng(scenario.seed).uniform(-0.5, 0.5, (shifts, 2))
+    grid = [(r, p) for r in plan.ranges_m for p in plan.pitches_deg]
+    places = np.random.default_rng(scenario.seed).uniform(-0.5, 0.5, (plan.shifts, 2))
     rows = []
     with pool(measure, workers) as submit:
         waiting = []
@@ -199,9 +239,7 @@ def study(
                 progress(k, len(grid), f"{range_m:g} m, {pitch:g}°")
             target = {**scenario.target.model_dump(), "pitch_deg": pitch}
             case = Case.of(scenario.at(range_m=range_m, target=target, illumination=illumination), illumination)
-            images = np.array([case.fine.image(tuple(s)) for s in places])
-            seed = scenario.seed + k
-            job = submit(case.scenario, case.truth, images, places, case.exposure.seconds, draws, seed)
+            job = submit(ShiftedFrames.of(case, places), plan.draws, scenario.seed + k)
             waiting.append((case, job, bounds_of(case, illumination)))
         rows = [summarise(case, job.result(), bounds) for case, job, bounds in waiting]
     return _dataset(grid, rows)

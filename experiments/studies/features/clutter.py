@@ -9,8 +9,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from detector.features import find_features
-from detector.sensor.noise import noise_of
+from detector.detect import detect
 from detector.sensor.sensor import expose
 from experiments import chain
 from experiments.chain.executor import pool
@@ -34,11 +33,15 @@ LEVELS = (0.01, 1.5)
 
 @dataclass(frozen=True)
 class Batch:
-    """Frames of one kind to be made and looked at."""
+    """Frames of one kind to be made and searched.
+
+    Attributes:
+        rates: electron rates (height, width) that were rendered [e⁻/s]; None where frames are drawn.
+    """
 
     scenario: Scenario
     kind: str
-    rates: FloatArray | None  # rendered, (height, width) [electrons/s]; None: drawn
+    rates: FloatArray | None
     count: int
     seed: int
 
@@ -52,17 +55,22 @@ def false_markers(batch: Batch) -> tuple[int, int]:
         rate = _turned(batch.rates, rng) if batch.rates is not None else _drawn(batch.kind, batch.scenario, rng)
         level = np.exp(rng.uniform(*np.log(LEVELS))) * sensor.full_well_electrons
         frame = expose(sensor, rate * (level / max(float(np.median(rate)), 1e-3 * float(rate.max()))), 1.0, rng).dn
-        noise, ring_m = noise_of(batch.scenario.sensor, frame), batch.scenario.leds.ring_radius_m
-        found = find_features(frame, marker, camera, noise, ring_m)
+        ring_m = batch.scenario.leds.ring_radius_m
+        found = detect(frame, marker, camera, sensor=sensor, led_ring_radius_m=ring_m).features
         own += found.detected
         other += not found.detected and found.identity is not None
     return own, other
 
 
-def study(
-    scenario: Scenario, frames: int, renders: int, workers: int | None = None, progress: Progress | None = None,
+def run(
+    scenario: Scenario,
+    frames: int,
+    renders: int,
+    *,
     cut: int = QUARTER,
-) -> xr.Dataset:  # fmt: skip
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> xr.Dataset:
     """Frames, and false markers among them, by kind and by their size.
 
     Args:
@@ -99,9 +107,10 @@ def study(
             other[kind] += seen[1]
     camera, dims = scenario.camera, ("size_px", "kind")
     names = {
-        "frames": (counts, "frames without the marker"), "false": (own, "frames with a false marker"),
+        "frames": (counts, "frames without the marker"),
+        "false": (own, "frames with a false marker"),
         "false_other": (other, "frames with another identity named"),
-    }  # fmt: skip
+    }
     return xr.Dataset(
         {n: (dims, [[c[k] for k in KINDS]], {"units": "1", "long_name": label}) for n, (c, label) in names.items()},
         {"kind": list(KINDS), "size_px": [f"{camera.width_px} × {camera.height_px}"]},
@@ -134,12 +143,16 @@ def _foil(scenario: Scenario, rng: np.random.Generator) -> FloatArray:
     # Foil from one side of the frame to the other, and somewhat less now and then.
     face_m = float(range_m * rng.uniform(0.25, 0.6))
     target = {
-        **scenario.target.model_dump(), "face_m": max(face_m, 0.05), "facet_m": face_m / int(rng.integers(15, 150)),
-        "facet_slope_deg": float(rng.uniform(1, 8)), "facet_seed": int(rng.integers(2**31)),
-        "pitch_deg": float(rng.uniform(-35, 35)), "yaw_deg": float(rng.uniform(-35, 35)),
+        **scenario.target.model_dump(),
+        "face_m": max(face_m, 0.05),
+        "facet_m": face_m / int(rng.integers(15, 150)),
+        "facet_slope_deg": float(rng.uniform(1, 8)),
+        "facet_seed": int(rng.integers(2**31)),
+        "pitch_deg": float(rng.uniform(-35, 35)),
+        "yaw_deg": float(rng.uniform(-35, 35)),
         "roll_deg": float(rng.uniform(-180, 180)),
         "face_material": ("mli_foil", "mli_bare", "aluminium", "white_paint")[int(rng.integers(4))],
-    }  # fmt: skip
+    }
     sun = {"phase_deg": float(rng.uniform(0, 90)), "azimuth_deg": float(rng.uniform(-180, 180))}
     marker = {**MarkerDesign().model_dump(), "size_m": NO_MARKER_M}
     render = {**scenario.render.model_dump(), "marker_rays": 10_000, "frame_samples": 2}
@@ -157,8 +170,11 @@ def _drawn(kind: str, scenario: Scenario, rng: np.random.Generator) -> FloatArra
     """A drawn frame (height, width), relative brightness, blurred as by the lens."""
     shape = scenario.camera.height_px, scenario.camera.width_px
     draw = {
-        "polygons": _polygons, "chessboard": _chessboard, "speckle": _speckle, "text and stripes": _text,
-    }  # fmt: skip
+        "polygons": _polygons,
+        "chessboard": _chessboard,
+        "speckle": _speckle,
+        "text and stripes": _text,
+    }
     image = _other_identities(shape, scenario.marker, rng) if kind == "other identities" else draw[kind](shape, rng)
     sigma = max(scenario.camera.psf_sigma_px, 0.3) * float(rng.uniform(1, 2))
     return np.maximum(cv2.GaussianBlur(image, (0, 0), sigma), 0.0)
@@ -242,7 +258,7 @@ def _text(shape: tuple[int, int], rng: np.random.Generator) -> FloatArray:
         word = "".join(chr(c) for c in rng.integers(33, 126, 6))
         x, y = (int(v) for v in rng.uniform((0, 0), shape[::-1]))
         font, scale, weight = int(rng.integers(0, 8)), float(rng.uniform(0.3, 3)), int(rng.integers(1, 5))
-        cv2.putText(ink, word, (x, y), font, scale, int(rng.integers(40, 256)), weight)
+        cv2.putText(ink, word, (x, y), font, scale, color=int(rng.integers(40, 256)), thickness=weight)
     image = _ground(shape, rng) * np.exp(ink.astype(np.float32) / 128 * float(rng.choice((-1, 1))))
     row, column = np.mgrid[: shape[0], : shape[1]].astype(np.float32)
     angle, pitch = rng.uniform(0, np.pi), rng.uniform(3, 30)

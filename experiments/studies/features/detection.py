@@ -13,15 +13,16 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from detector.features import find_features
-from detector.sensor.noise import noise_of
+from detector.detect import detect
 from detector.sensor.sensor import expose
 from experiments import chain
 from experiments.chain.executor import pool
 from experiments.chain.progress import Progress
 from experiments.scenario import Scenario
-from experiments.studies.shared.frames import Truth, around_marker, fine_frames
-from experiments.thesis.baseline import to_eight_bits
+from experiments.studies.features.plan import Plan
+from experiments.studies.shared.baseline import to_eight_bits
+from experiments.studies.shared.frames import around_marker, fine_frames
+from experiments.studies.shared.truth import Truth
 from radiometry.geometry import FloatArray
 from radiometry.optics import Camera
 from scenes.marker import MarkerDesign, aruco_dictionary
@@ -32,8 +33,6 @@ FAMILIES: Mapping[str, str] = {
     "Mantis 3×3": "MANTIS_3X3_4",
     "AprilTag 36h11": "APRILTAG_36h11",
 }
-PX_PER_BIT = (1.25, 1.5, 1.75, 2.0, 2.25, 2.5, 3.0, 4.0, 6.0)
-CNR = (0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 12.0)
 #: Where the target stands; the size that most frames are spent on.
 AT_PX_PER_BIT = 2.0
 #: Pixels of a bit where contrast is varied, and the contrast where size is: that of 'auto' exposure.
@@ -49,9 +48,11 @@ Finder = Callable[[NDArray[np.uint16], Scenario, Camera], FloatArray | None]
 
 def ours(frame: NDArray[np.uint16], scenario: Scenario, camera: Camera) -> FloatArray | None:
     """The detector of this project."""
-    noise, ring_m = noise_of(scenario.sensor, frame), scenario.leds.ring_radius_m
-    found = find_features(frame, scenario.marker, camera, noise, ring_m)
-    return None if found.corners_px is None else found.corners_px.mean(axis=0)
+    ring_m = scenario.leds.ring_radius_m
+    corners = detect(
+        frame, scenario.marker, camera, sensor=scenario.sensor, led_ring_radius_m=ring_m
+    ).features.corners_px
+    return None if corners is None else corners.mean(axis=0)
 
 
 def opencv(frame: NDArray[np.uint16], scenario: Scenario, camera: Camera) -> FloatArray | None:
@@ -107,19 +108,24 @@ def _apriltags() -> Any:
 
 @dataclass(frozen=True)
 class Setting:
-    """One rendered geometry and the exposures that it is looked at with."""
+    """One rendered geometry and the exposures of its frames.
+
+    Attributes:
+        images: electron rates (shifts, height, width) at some sub-pixel positions [e⁻/s].
+        shifts: these positions (shifts, 2) [px].
+    """
 
     family: str
     scenario: Scenario
     truth: Truth
-    images: FloatArray  # at some sub-pixel positions, (shifts, height, width) [electrons/s]
+    images: FloatArray
     shifts: FloatArray
     seconds: tuple[float, ...]
     draws: int
     seed: int
 
 
-def look(setting: Setting) -> dict[str, NDArray[np.int64]]:
+def count_found(setting: Setting) -> dict[str, NDArray[np.int64]]:
     """Frames in which each detector finds the marker where it is, by exposure."""
     methods = finders(setting.family)
     counts = {name: np.zeros(len(setting.seconds), np.int64) for name in methods}
@@ -137,20 +143,31 @@ def look(setting: Setting) -> dict[str, NDArray[np.int64]]:
     return counts
 
 
+@dataclass(frozen=True)
+class Series:
+    """A family's marker at one size.
+
+    Attributes:
+        cnr: contrasts, by the exposure; None is 'auto' exposure alone.
+    """
+
+    family: str
+    px_per_bit: float
+    cnr: tuple[float, ...] | None
+
+
 def settings_of(
-    scenario: Scenario, family: str, px_per_bit: float, cnr: tuple[float, ...] | None, attitudes_deg: FloatArray,
-    shifts: FloatArray, draws: int, seed: int,
-) -> list[Setting]:  # fmt: skip
-    """One family's marker at pixels per bit and attitudes (n, 3) of pitch, yaw, roll [deg], rendered together.
+    scenario: Scenario, series: Series, attitudes_deg: FloatArray, shifts: FloatArray, draws: int, seed: int
+) -> list[Setting]:
+    """A series at attitudes (n, 3) of pitch, yaw, roll [deg], rendered together.
 
     Args:
-        cnr: contrasts, by the exposure; None is 'auto' exposure alone.
         shifts: sub-pixel positions of each attitude (n, m, 2) [px].
     """
     marker = MarkerDesign.model_validate(
-        {**scenario.marker.model_dump(), "dictionary": FAMILIES[family], "identity": 0}
+        {**scenario.marker.model_dump(), "dictionary": FAMILIES[series.family], "identity": 0}
     )
-    range_m = min(scenario.camera.focal_px) * marker.bit_m / px_per_bit
+    range_m = min(scenario.camera.focal_px) * marker.bit_m / series.px_per_bit
     at = scenario.at(range_m=range_m, marker=marker.model_dump(), illumination="eclipse")
     turned = []
     for attitude in attitudes_deg:
@@ -159,9 +176,21 @@ def settings_of(
     settings = []
     for k, (near, fine) in enumerate(zip(turned, fine_frames(turned, "eclipse"), strict=True)):
         budget = chain.link_budget(near, "eclipse")
-        seconds = tuple(exposure_for(budget, c) for c in cnr) if cnr else (chain.solve_exposure(near, budget, "auto"),)
-        images = np.array([fine.image(tuple(s)) for s in shifts[k]])
-        settings.append(Setting(family, near, Truth(chain.view(near)), images, shifts[k], seconds, draws, seed + k))
+        seconds: tuple[float, ...] = (chain.solve_exposure(near, budget, "auto"),)
+        if series.cnr:
+            seconds = tuple(exposure_for(budget, cnr) for cnr in series.cnr)
+        settings.append(
+            Setting(
+                family=series.family,
+                scenario=near,
+                truth=Truth.of(near),
+                images=np.array([fine.image(tuple(s)) for s in shifts[k]]),
+                shifts=shifts[k],
+                seconds=seconds,
+                draws=draws,
+                seed=seed + k,
+            )
+        )
     return settings
 
 
@@ -181,61 +210,62 @@ def exposure_for(budget: chain.LinkBudget, cnr: float) -> float:
     return float(np.exp(brentq(short, low, high)))
 
 
-def study(
-    scenario: Scenario, attitudes: int, shifts: int, draws: int, px_per_bit: tuple[float, ...] = PX_PER_BIT,
-    cnr: tuple[float, ...] = CNR, workers: int | None = None, progress: Progress | None = None,
-    attitudes_at_target: int = 0,
-) -> xr.Dataset:  # fmt: skip
+def run(scenario: Scenario, plan: Plan, workers: int | None = None, progress: Progress | None = None) -> xr.Dataset:
     """Counts of frames with the marker found, over family, detector and pixels per bit, and over contrast.
 
-    Every detector of a family sees the same `attitudes · shifts · draws` frames.
-
-    Args:
-        attitudes_at_target: attitudes at `AT_PX_PER_BIT`, where more than elsewhere.
+    Every detector of a family sees the same frames.
     """
     rng = np.random.default_rng(scenario.seed)
-    most = max(attitudes, attitudes_at_target)
+    most = max(plan.attitudes, plan.attitudes_at_target)
     angles = rng.uniform(-1, 1, (most, 3)) * (TILT_DEG, TILT_DEG, 180.0)
-    places = rng.uniform(-0.5, 0.5, (most, shifts, 2))
-    cases = [(f, px, None) for f in FAMILIES for px in px_per_bit] + [(f, PX_PER_BIT_OF_CNR, cnr) for f in FAMILIES]
+    places = rng.uniform(-0.5, 0.5, (most, plan.attitude_shifts, 2))
+    cases = [Series(family, px, None) for family in FAMILIES for px in plan.px_per_bit]
+    cases += [Series(family, PX_PER_BIT_OF_CNR, plan.cnr) for family in FAMILIES]
     names = list(dict.fromkeys(name for family in FAMILIES for name in finders(family)))
-    by_size = np.full((len(FAMILIES), len(names), len(px_per_bit)), np.nan)
-    by_cnr = np.full((len(FAMILIES), len(names), len(cnr)), np.nan)
-    with pool(look, workers) as submit:
+    by_size = np.full((len(FAMILIES), len(names), len(plan.px_per_bit)), np.nan)
+    by_cnr = np.full((len(FAMILIES), len(names), len(plan.cnr)), np.nan)
+    with pool(count_found, workers) as submit:
         waiting = []
-        for k, (family, px, contrasts) in enumerate(cases):
+        for k, series in enumerate(cases):
             if progress is not None:
-                progress(k, len(cases), f"{family}, {px:g} px/bit")
-            used = attitudes if contrasts or px != AT_PX_PER_BIT else most
-            for setting in settings_of(
-                scenario, family, px, contrasts, angles[:used], places[:used], draws, scenario.seed + 1000 * k
-            ):
-                waiting.append((family, px, contrasts, submit(setting)))
-        for family, px, contrasts, job in waiting:
-            row = list(FAMILIES).index(family)
+                progress(k, len(cases), f"{series.family}, {series.px_per_bit:g} px/bit")
+            used = plan.attitudes if series.cnr or series.px_per_bit != AT_PX_PER_BIT else most
+            seed = scenario.seed + 1000 * k
+            for setting in settings_of(scenario, series, angles[:used], places[:used], plan.attitude_draws, seed):
+                waiting.append((series, submit(setting)))
+        for series, job in waiting:
+            row = list(FAMILIES).index(series.family)
             for name, count in job.result().items():
-                table, column = (by_cnr, slice(None)) if contrasts else (by_size, list(px_per_bit).index(px))
-                cell = table[row, names.index(name), column]
-                table[row, names.index(name), column] = np.where(np.isnan(cell), 0, cell) + (
-                    count if contrasts else count[0]
-                )
-    by_attitude = shifts * draws
-    frames = [by_attitude * (most if px == AT_PX_PER_BIT else attitudes) for px in px_per_bit]
-    dims = ("family", "detector")
+                cell = (row, names.index(name))
+                if series.cnr:
+                    by_cnr[cell] = np.nan_to_num(by_cnr[cell]) + count
+                else:
+                    at = (*cell, plan.px_per_bit.index(series.px_per_bit))
+                    by_size[at] = np.nan_to_num(by_size[at]) + count[0]
+    by_attitude = plan.attitude_shifts * plan.attitude_draws
+    frames = [by_attitude * (most if px == AT_PX_PER_BIT else plan.attitudes) for px in plan.px_per_bit]
+    found = {"units": "1", "long_name": "frames with the marker found"}
+    shown = {"units": "1", "long_name": "frames shown to each detector"}
     return xr.Dataset(
         {
-            "found_by_size": ((*dims, "px_per_bit"), by_size, {"units": "1", "long_name": "frames with the marker found"}),
-            "found_by_cnr": ((*dims, "cnr"), by_cnr, {"units": "1", "long_name": "frames with the marker found"}),
-            "frames_by_size": ("px_per_bit", frames, {"units": "1", "long_name": "frames shown to each detector"}),
-            "frames_by_cnr": (
-                "cnr", [by_attitude * attitudes] * len(cnr), {"units": "1", "long_name": "frames shown to each detector"},
-            ),
+            "found_by_size": (("family", "detector", "px_per_bit"), by_size, found),
+            "found_by_cnr": (("family", "detector", "cnr"), by_cnr, found),
+            "frames_by_size": ("px_per_bit", frames, shown),
+            "frames_by_cnr": ("cnr", [by_attitude * plan.attitudes] * len(plan.cnr), shown),
         },
         {
             "family": list(FAMILIES),
             "detector": names,
-            "px_per_bit": ("px_per_bit", list(px_per_bit), {"units": "pixel", "long_name": "pixels per bit, frontal"}),
-            "cnr": ("cnr", list(cnr), {"units": "1", "long_name": "contrast-to-noise ratio of a bit, closed form"}),
+            "px_per_bit": (
+                "px_per_bit",
+                list(plan.px_per_bit),
+                {"units": "pixel", "long_name": "pixels per bit, frontal"},
+            ),
+            "cnr": (
+                "cnr",
+                list(plan.cnr),
+                {"units": "1", "long_name": "contrast-to-noise ratio of a bit, closed form"},
+            ),
         },
         {"px_per_bit_of_cnr": PX_PER_BIT_OF_CNR},
-    )  # fmt: skip
+    )

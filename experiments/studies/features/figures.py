@@ -12,24 +12,6 @@ from experiments.reporting.figures import BLACK, COLOURS, MARKERS, new_figure
 from experiments.studies.features.detection import AT_PX_PER_BIT
 from experiments.studies.features.tables import BIAS_PX, RATIO, ratios, rms_over_blobs
 
-CAPTIONS = {
-    "scatter": "Scatter over noise draws, over the Cramér–Rao bound, against range; one line a pitch. Dashed: the target, 1.5.",
-    "bias": "Mean error over noise and sub-pixel positions against pitch: worst corner and worst blob. Dashed: the target.",
-    "bound": "Bounds (lines) and scatter (markers) against range at each pitch.",
-    "detection": "Frames with the marker found, with 95 % binomial intervals: against size at 'auto' exposure (dashed: 2 px/bit) "
-    "and against contrast. Every detector of a family sees the same frames.",
-}
-
-
-def figures(accuracy: xr.Dataset, detection: xr.Dataset) -> dict[str, Figure]:
-    """Every figure by the name of its caption."""
-    return {
-        "scatter": scatter_figure(accuracy),
-        "bias": bias_figure(accuracy),
-        "bound": bound_figure(accuracy),
-        "detection": detection_figure(detection),
-    }
-
 
 def _lines(axes: Axes, x: xr.DataArray, values: xr.DataArray, over: str, label: str, scale: float = 1.0) -> None:
     """One line for each coordinate of the dimension `over`."""
@@ -113,9 +95,15 @@ def detection_figure(found: xr.Dataset) -> Figure:
                 low, high = binomial_interval(values, frames)
                 rate = values / frames
                 axis.errorbar(
-                    found[along], 100 * rate, 100 * np.maximum([rate - low, high - rate], 0.0), color=COLOURS[k % 8],
-                    marker=MARKERS[k % 8], capsize=2, linewidth=1.0, label=f"{detector}, {family}",
-                )  # fmt: skip
+                    found[along],
+                    100 * rate,
+                    100 * np.maximum([rate - low, high - rate], 0.0),
+                    color=COLOURS[k % 8],
+                    marker=MARKERS[k % 8],
+                    capsize=2,
+                    linewidth=1.0,
+                    label=f"{detector}, {family}",
+                )
             k += 1
     axes[0, 0].set(xlabel="pixels per bit [px]", ylabel="found [%]")
     axes[0, 1].set(xlabel=f"contrast-to-noise ratio at {found.attrs['px_per_bit_of_cnr']:g} px/bit", xscale="log")

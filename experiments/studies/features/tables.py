@@ -163,10 +163,22 @@ def target_rows(found: Sequence[Target]) -> list[tuple[str, ...]]:
 
 
 ACCURACY_HEADINGS = (
-    "range [m]", "pitch [°]", "px/bit", "blob width [px]", "corner: bound [px]", "scatter/bound", "bias [px]",
-    "blob: bound [px]", "scatter/bound", "worst blob", "bias [px]", "attitude: bound [°]", "scatter/bound", "range: bound [mm]",
+    "range [m]",
+    "pitch [°]",
+    "px/bit",
+    "blob width [px]",
+    "corner: bound [px]",
     "scatter/bound",
-)  # fmt: skip
+    "bias [px]",
+    "blob: bound [px]",
+    "scatter/bound",
+    "worst blob",
+    "bias [px]",
+    "attitude: bound [°]",
+    "scatter/bound",
+    "range: bound [mm]",
+    "scatter/bound",
+)
 
 
 def accuracy_rows(data: xr.Dataset) -> list[tuple[str, ...]]:
@@ -178,13 +190,25 @@ def accuracy_rows(data: xr.Dataset) -> list[tuple[str, ...]]:
     for at in (dict(range_m=r, pitch_deg=p) for r in data.range_m.values for p in data.pitch_deg.values):
         here = data.sel(at)
         ratio = {name: f"{float(value.sel(at)):.2f}" for name, value in share.items()}
-        rows.append((
-            f"{at['range_m']:g}", f"{at['pitch_deg']:g}", f"{float(here.bit_px):.1f}", f"{float(here.blob_width_px):.1f}",
-            f"{float(here.corner_bound_px):.4f}", ratio["corners"], f"{float(here.corner_bias_px):.3f}",
-            f"{float(blob_bound.sel(at)):.4f}", ratio["blobs"], ratio["worst"],
-            f"{float(worst.sel(at)):.3f}",
-            f"{float(here.attitude_bound_deg):.4f}", ratio["attitude"], f"{1e3 * float(here.range_bound_m):.3f}", ratio["range"],
-        ))  # fmt: skip
+        rows.append(
+            (
+                f"{at['range_m']:g}",
+                f"{at['pitch_deg']:g}",
+                f"{float(here.bit_px):.1f}",
+                f"{float(here.blob_width_px):.1f}",
+                f"{float(here.corner_bound_px):.4f}",
+                ratio["corners"],
+                f"{float(here.corner_bias_px):.3f}",
+                f"{float(blob_bound.sel(at)):.4f}",
+                ratio["blobs"],
+                ratio["worst"],
+                f"{float(worst.sel(at)):.3f}",
+                f"{float(here.attitude_bound_deg):.4f}",
+                ratio["attitude"],
+                f"{1e3 * float(here.range_bound_m):.3f}",
+                ratio["range"],
+            )
+        )
     return rows
 
 
@@ -217,9 +241,3 @@ def trial_rows(trials: Sequence[Trial]) -> list[tuple[str, ...]]:
         )
         for t in trials
     ]
-
-
-def markdown(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table of the page."""
-    lines = [headings, ["---"] * len(headings), *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
+from experiments.chain.progress import Progress
 from experiments.scenario import Scenario, set_key, validate
-from experiments.studies.glare.geometry import Stand, at_sun, cropped, render
-from experiments.studies.glare.study import VARIABLES, draw
+from experiments.studies.glare.frames import VARIABLES, draw, labelled
+from experiments.studies.glare.geometry import at_sun, cropped, render
+from experiments.studies.glare.plan import Plan
 
 #: What is changed, by name: keys of the scenario. Lens and sensor figures are assumptions, of poor but real ones.
 CONDITIONS: dict[str, dict[str, Any]] = {
@@ -24,41 +25,29 @@ CONDITIONS: dict[str, dict[str, Any]] = {
     "sensor that blooms": {"sensor.blooming": 1.0},
 }
 RANGE_M = 5.0
-PHASES_DEG = (2.0, 10.0, 45.0, 90.0, 150.0)
 AZIMUTHS_DEG = (0.0, 120.0, 240.0)
 MODES = ("single", "two_bands", "pair")
 DIMS = ("condition", "mode", "phase_deg", "frame")
 
 
-def run(
-    scenario: Scenario,
-    stands: tuple[Stand, ...],
-    draws: int,
-    pair_interval_s: float,
-    phases_deg: tuple[float, ...] = PHASES_DEG,
-    rays: int = 200_000,
-    progress: Callable[[int, int, str], None] | None = None,
-) -> xr.Dataset:
-    """Detection, usable poses and false positives by condition, mode and phase; azimuths, stands and draws are the frames."""
-    count = len(stands) * len(AZIMUTHS_DEG) * draws
-    values = np.full((len(VARIABLES), len(CONDITIONS), len(MODES), len(phases_deg), count), np.nan)
-    total = len(CONDITIONS) * len(phases_deg)
+def run(scenario: Scenario, plan: Plan, progress: Progress | None = None) -> xr.Dataset:
+    """`frames.VARIABLES` by condition, mode and phase; azimuths, attitudes and draws are the frames."""
+    phases, draws = plan.condition_phases_deg, plan.condition_draws
+    suns = [(attitude, azimuth) for attitude in plan.attitudes for azimuth in AZIMUTHS_DEG]
+    values = np.full((len(VARIABLES), len(CONDITIONS), len(MODES), len(phases), len(suns) * draws), np.nan)
+    total = len(CONDITIONS) * len(phases)
     for c, (name, changes) in enumerate(CONDITIONS.items()):
         changed = _with(scenario, changes)
-        for p, phase in enumerate(phases_deg):
-            suns = [(stand, azimuth) for stand in stands for azimuth in AZIMUTHS_DEG]
-            for k, (stand, azimuth) in enumerate(suns):
-                here = cropped(_earth_opposite(at_sun(changed, RANGE_M, phase, azimuth, stand)))
-                geometry = render(here, MODES, pair_interval_s, rays)
+        for p, phase in enumerate(phases):
+            for k, (attitude, azimuth) in enumerate(suns):
+                here = cropped(_earth_opposite(at_sun(changed, RANGE_M, phase, azimuth, attitude)))
+                geometry = render(here, MODES, plan.pair_interval_s, plan.condition_rays)
                 drawn, _ = draw(geometry, MODES, draws, (55, p, k))
                 values[:, c, :, p, k * draws : (k + 1) * draws] = drawn
             if progress:
-                progress(c * len(phases_deg) + p + 1, total, f"{name}, phase {phase:g}°")
-    data: dict[str, tuple] = {
-        name: (DIMS, v, dict(zip(("units", "long_name"), VARIABLES[name], strict=True)))
-        for name, v in zip(VARIABLES, values, strict=True)
-    }
-    return xr.Dataset(data, {"condition": list(CONDITIONS), "mode": list(MODES), "phase_deg": list(phases_deg)})
+                progress(c * len(phases) + p + 1, total, f"{name}, phase {phase:g}°")
+    coordinates = {"condition": list(CONDITIONS), "mode": list(MODES), "phase_deg": list(phases)}
+    return xr.Dataset(labelled(values, DIMS), coordinates)
 
 
 def _earth_opposite(scenario: Scenario) -> Scenario:

@@ -8,22 +8,24 @@ from itertools import product
 import numpy as np
 import xarray as xr
 
-from experiments import chain
 from experiments.scenario import Scenario
-from experiments.studies.glare.geometry import Stand, at_sun
+from experiments.studies.glare.geometry import at_sun
+from experiments.studies.glare.plan import Attitude
 from experiments.studies.shared import failures
 from experiments.studies.shared.judge import WRONG_CORNER
-from experiments.studies.shared.judge import Truth as Standing
+from experiments.studies.shared.truth import Truth
 from scenes.marker import ELEMENT_NAMES
 
 HEADINGS = ("mode", "range [m]", "phase [°]", "frames", *failures.HEADINGS)
 
 
-def failure_rows(dataset: xr.Dataset, scenario: Scenario, stands: Sequence[Stand]) -> list[tuple[str, ...]]:
-    """`HEADINGS`, then one row a mode, range and phase; azimuths and stands pooled."""
+def failure_rows(dataset: xr.Dataset, scenario: Scenario, attitudes: Sequence[Attitude]) -> list[tuple[str, ...]]:
+    """`HEADINGS`, then one row a mode, range and phase; azimuths and attitudes pooled."""
     rows: list[tuple[str, ...]] = [HEADINGS]
     there = {
-        float(r): np.array([[name in _blobs(scenario, float(r), stand) for name in ELEMENT_NAMES] for stand in stands])
+        float(r): np.array(
+            [[name in _blobs(scenario, float(r), attitude) for name in ELEMENT_NAMES] for attitude in attitudes]
+        )
         for r in dataset.range_m.values
     }
     for mode, range_m, phase in product(dataset.mode.values, dataset.range_m.values, dataset.phase_deg.values):
@@ -37,14 +39,14 @@ def failure_rows(dataset: xr.Dataset, scenario: Scenario, stands: Sequence[Stand
             "false_positive": here.false_positive.values > 0,
             "loss_of_elements": found & ~((top | bottom) & (right | left)),
             "wrong_corners": found & (here.corner_error_max_px.values > WRONG_CORNER * side_px),
-            "no_blob": found & (there[float(range_m)][here.stand.values] & ~blobs).any(axis=-1),
+            "no_blob": found & (there[float(range_m)][here.attitude.values] & ~blobs).any(axis=-1),
         }
         told = failures.cells(failed, here.attitude_error_deg.values, here.range_error.values)
         rows.append((str(mode), f"{range_m:g}", f"{phase:g}", str(found.size), *told))
     return rows
 
 
-def _blobs(scenario: Scenario, range_m: float, stand: Stand) -> frozenset[str]:
+def _blobs(scenario: Scenario, range_m: float, attitude: Attitude) -> frozenset[str]:
     """Elements in whose opening the blob stands."""
-    here = at_sun(scenario, range_m, 0.0, 0.0, stand)
-    return Standing(here.marker, chain.view(here)).blobs()
+    here = at_sun(scenario, range_m, 0.0, 0.0, attitude)
+    return Truth.of(here).blobs_in_openings

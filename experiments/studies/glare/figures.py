@@ -22,7 +22,7 @@ _ARCS = 12
 #: Modes side by side in a map.
 _COLUMNS = 6
 #: Modes drawn over phase: more lines could not be told apart; the table has all.
-_OVER_PHASE = ("single", "narrow", "ladder", "two_bands", "pair", "long", "thesis")
+_OVER_PHASE = ("single", "narrow", "bracket", "two_bands", "pair", "long", "thesis")
 
 
 def detection_map(dataset: xr.Dataset) -> Figure:

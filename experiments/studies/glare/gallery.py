@@ -10,14 +10,16 @@ import xarray as xr
 
 from detector.features import Features
 from experiments.scenario import Scenario
+from experiments.studies.glare.frames import frames
 from experiments.studies.glare.geometry import at_sun, cropped, render
-from experiments.studies.glare.study import Plan, Truth, frames
+from experiments.studies.glare.plan import Plan
+from experiments.studies.shared.truth import Truth
 from radiometry.geometry import FloatArray
 
 
 @dataclass(frozen=True)
 class Worst:
-    """One frame: image (H, W), features, the true outline of the ArUco square (4, 2), and words."""
+    """One frame: image (H, W), features, the true outline (4, 2) of the ArUco square, and lines that say what is wrong."""
 
     mode: str
     where: str
@@ -42,19 +44,28 @@ def _again(cells: xr.Dataset, scenario: Scenario, plan: Plan) -> Worst:
     r, p, a, f = (int(k) for k in np.unravel_index(int(np.argmax(badness)), badness.shape))
     s, k = divmod(f, plan.draws)
     mode = str(cells.mode.values)
-    here = cropped(at_sun(scenario, plan.ranges_m[r], plan.phases_deg[p], plan.azimuths_deg[a], plan.stands[s]))
-    geometry, truth = render(here, plan.modes, plan.pair_interval_s, plan.rays), Truth(here)
-    shown, features, frame = list(frames(geometry, truth, mode, k + 1, (s, r, p, a)))[k]
+    here = cropped(at_sun(scenario, plan.ranges_m[r], plan.phases_deg[p], plan.azimuths_deg[a], plan.attitudes[s]))
+    geometry, truth = render(here, plan.modes, plan.pair_interval_s, plan.rays), Truth.of(here)
+    frame = list(frames(geometry, truth, mode, k + 1, (s, r, p, a)))[k]
+    values, features = frame.values, frame.detection.features
     need = scenario.requirement
-    if not frame["detected"]:
+    if not values["detected"]:
         lines = [f"not found: {features.reason}" if features.corners_px is None else "found at a wrong place"]
         failed = True
     else:
-        attitude, distance = frame["attitude_error_deg"], frame["range_error"]
+        attitude, distance = values["attitude_error_deg"], values["range_error"]
         failed = bool(attitude > need.attitude_error_max_deg or distance > need.range_error_max)
         lines = [f"attitude {attitude:.2f}° off" + (", too much" if attitude > need.attitude_error_max_deg else "")]
         lines += [f"range {100 * distance:.2f} % off"] + ([features.reason] if features.reason else [])
-    lines.append(f"{100 * frame['saturated_fraction']:.0f} % of bits saturated")
+    lines.append(f"{100 * values['saturated_fraction']:.0f} % of bits saturated")
     where = f"{plan.ranges_m[r]:g} m, phase {plan.phases_deg[p]:g}°, az. {plan.azimuths_deg[a]:g}°"
     wrapped = tuple(piece for line in lines for piece in textwrap.wrap(line, 40))
-    return Worst(mode, where, np.asarray(shown.image, float), features, truth.corners_px, wrapped, failed)
+    return Worst(
+        mode=mode,
+        where=where,
+        image=np.asarray(frame.image.pixels, float),
+        features=features,
+        outline_px=truth.corners_px,
+        lines=wrapped,
+        failed=failed,
+    )

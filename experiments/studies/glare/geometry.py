@@ -1,4 +1,4 @@
-"""Geometries of the glare study: where the Sun stands, how the target stands and how far it has turned, rendered once each.
+"""Geometries of the glare study: where the Sun is, how the target faces the camera and how far it has turned, rendered once each.
 
 LEDs and Sun are rendered at four wavelengths that span every filter, and once more for the target as it stands a frame interval
 later: turned at the tumble rate about an axis behind the marker.
@@ -19,29 +19,21 @@ from experiments.studies.glare.modes import (
     MODES,
     POLARISATION_KEPT,
     POLARISER_TRANSMISSION,
-    Lit,
     Mode,
+    Rates,
     chaser_shadow,
     through,
 )
+from experiments.studies.glare.plan import Attitude
 from radiometry.filters import Bandpass
 from radiometry.geometry import FloatArray
-from scenes.render.transport import Quality, View, render_basis
+from scenes.render.transport import Quality, render_basis
+from scenes.view import View
 
 #: Filter whose band spans those of all modes; over it transport is a cubic in wavelength to a test's tolerance.
 WIDEST_FILTER = "lp715"
 #: Side of a crop beyond the marker's, over the marker's.
 CROP_MARGIN = 0.3
-
-
-@dataclass(frozen=True)
-class Stand:
-    """How the target stands: attitude and crinkle of the foil."""
-
-    pitch_deg: float
-    yaw_deg: float
-    roll_deg: float
-    facet_seed: int
 
 
 @dataclass(frozen=True)
@@ -70,7 +62,7 @@ class MovedView(View):
 
 @dataclass(frozen=True)
 class Geometry:
-    """A range, a Sun and a stand, with the electron rates through each filter by preset name (None: the scenario's).
+    """A range, a Sun and an attitude, with the electron rates through each filter by preset name (None: the scenario's).
 
     Attributes:
         scenario: its camera is cropped about the marker.
@@ -80,32 +72,32 @@ class Geometry:
     """
 
     scenario: Scenario
-    rates: dict[str | None, Lit]
+    rates: dict[str | None, Rates]
     motion_px: FloatArray
     free: dict[float, FloatArray]
     grey_sun: dict[str | None, float]
 
-    def lit(self, mode: Mode) -> Lit:
-        """Rates of a mode: its filters, its polarisers, and its chaser's shadow."""
-        lit = self.rates[mode.filter]
+    def mode_rates(self, mode: Mode) -> Rates:
+        """Rates of a mode: with its filters, its polarisers, and its chaser's shadow."""
+        rates = self.rates[mode.filter]
         if mode.off_filter is not None:
             second = self.rates[mode.off_filter]
             ratio = self.grey_sun[mode.filter] / self.grey_sun[mode.off_filter]
-            lit = replace(lit, off=second.led + second.sun, off_scale=ratio)
+            rates = replace(rates, off=second.led + second.sun, off_scale=ratio)
         if mode.polarised:
             sun = POLARISER_TRANSMISSION / 2
             led = sun * (1 + POLARISATION_KEPT)
-            lit = Lit(lit.led * led, lit.sun * sun, lit.moved_sun * sun)
+            rates = Rates(rates.led * led, rates.sun * sun, rates.moved_sun * sun)
         if mode.chaser_radius_m:
             free = self.free[mode.chaser_radius_m]
-            lit = Lit(lit.led, lit.sun * free, lit.moved_sun * free)
-        return lit
+            rates = Rates(rates.led, rates.sun * free, rates.moved_sun * free)
+        return rates
 
 
-def at_sun(scenario: Scenario, range_m: float, phase_deg: float, azimuth_deg: float, stand: Stand) -> Scenario:
-    """The scenario with another range, Sun and stand."""
+def at_sun(scenario: Scenario, range_m: float, phase_deg: float, azimuth_deg: float, attitude: Attitude) -> Scenario:
+    """The scenario with another range, Sun and attitude of the target."""
     sun = scenario.sun.model_copy(update={"phase_deg": phase_deg, "azimuth_deg": azimuth_deg})
-    target = scenario.target.model_copy(update=vars(stand))
+    target = scenario.target.model_copy(update=vars(attitude))
     return scenario.model_copy(update={"range_m": range_m, "sun": sun, "target": target})
 
 
@@ -144,17 +136,18 @@ def render(scenario: Scenario, names: tuple[str, ...], pair_interval_s: float, r
         here = through(scenario, name)
         grey_sun[name] = (chain.source_spectra(here)["sun"] * chain.responsivity(here)).integral()
         led, both = (chain.electron_rate(here, now, illumination) for illumination in ("eclipse", "sunlit"))
-        moved = (
-            chain.electron_rate(here, then, "sunlit") - chain.electron_rate(here, then, "eclipse")
-            if paired
-            else both - led
-        )
-        rates[name] = Lit(led, np.maximum(both - led, 0), np.maximum(moved, 0))
+        sun = moved_sun = both - led
+        if paired:
+            moved_sun = chain.electron_rate(here, then, "sunlit") - chain.electron_rate(here, then, "eclipse")
+        rates[name] = Rates(led, np.maximum(sun, 0), np.maximum(moved_sun, 0))
     centre = np.zeros((1, 3))
     return Geometry(
-        scenario, rates, (later.to_image(centre) - view.to_image(centre))[0],
-        {m.chaser_radius_m: chaser_shadow(view, m.chaser_radius_m) for m in modes}, grey_sun,
-    )  # fmt: skip
+        scenario=scenario,
+        rates=rates,
+        motion_px=(later.to_image(centre) - view.to_image(centre))[0],
+        free={m.chaser_radius_m: chaser_shadow(view, m.chaser_radius_m) for m in modes},
+        grey_sun=grey_sun,
+    )
 
 
 def _fields(view: View) -> dict[str, Any]:

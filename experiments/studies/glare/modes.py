@@ -1,8 +1,8 @@
-"""Counter-measures against sun glare, each a mode: filter, shutter, on/off pair, ladder, second band, polarisers, the chaser's
-own shadow, the pipeline.
+"""Counter-measures against sun glare, each a mode: filter, shutter, on/off pair, exposure bracket, second band, polarisers, the
+chaser's own shadow, the pipeline.
 
-A mode turns the electron rates of LEDs and Sun into an image, the noise the detector is told of, and features. The LED pulse is
-set so that the bright bits reach the scenario's fraction of the well; the Sun shines as long as the shutter is open.
+A mode turns the electron rates of LEDs and Sun into an image, the noise the detector is told of, and a detection. The LED pulse
+is set so that the bright bits reach the scenario's fraction of the well; the Sun shines as long as the shutter is open.
 """
 
 from __future__ import annotations
@@ -13,17 +13,19 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from detector.features import Features, find_features
-from detector.sensor.noise import NoiseModel
+import detector.detect as detector
+from detector.detect import Detection
+from detector.sensor.noise import NoiseModel, sensor_noise
+from detector.sensor.pair import difference
 from detector.sensor.sensor import expose
-from experiments.chain import usable_well_electrons
+from experiments import chain
 from experiments.scenario import Scenario
 from experiments.scenario.presets import presets
-from experiments.studies.glare.fusion import difference, fused
-from experiments.thesis.baseline import baseline_features, to_eight_bits
+from experiments.studies.glare.bracket import fuse
+from experiments.studies.shared.baseline import baseline_detect, to_eight_bits
 from radiometry.filters import Bandpass
 from radiometry.geometry import FloatArray, sun_direction
-from scenes.render.transport import View
+from scenes.view import View
 
 #: Error of the predicted image motion between the frames of a pair, over the motion. Assumption: a tracking filter's.
 MOTION_ERROR = 0.05
@@ -45,8 +47,8 @@ class Mode:
     """How long the shutter is open [s]; None: as long as the LED pulse."""
     pair: Literal["", "raw", "registered"] = ""
     """Whether a frame without LEDs is subtracted, as it is or shifted back by the predicted motion."""
-    rungs: tuple[float, ...] = (1.0,)
-    """Exposures of a ladder over the LED pulse, falling; each with a pulse and shutter of its own."""
+    bracket: tuple[float, ...] = (1.0,)
+    """Exposures of a bracket over the LED pulse, falling; each with a pulse and shutter of its own."""
     off_filter: str | None = None
     """Filter preset, beside the LEDs' band, of a second camera at the same moment, whose image is subtracted."""
     polarised: bool = False
@@ -54,7 +56,7 @@ class Mode:
     chaser_radius_m: float = 0.0
     """Radius of the disc, in the plane of the lens and about the axis, that shadows the target [m]; 0 is none."""
     pipeline: Literal["mantis", "thesis"] = "mantis"
-    """Feature extraction: `detector.detect`, or `experiments.thesis.baseline` on 8 bits."""
+    """Feature extraction: `detector.detect`, or the thesis's (`shared.baseline`) on 8 bits."""
 
 
 #: 20 µs: shortest exposure that many global-shutter cameras offer (assumption); 1 ms: one of the budget's exposures.
@@ -66,7 +68,9 @@ MODES: dict[str, Mode] = {
     "long": Mode("the same LED pulse, shutter open for 1 ms", shutter_s=1e-3),
     "pair": Mode("LEDs on minus LEDs off, registered", pair="registered"),
     "pair_raw": Mode("LEDs on minus LEDs off, not registered", pair="raw"),
-    "ladder": Mode("exposure ladder: the pulse, a quarter and a sixteenth of it, fused", rungs=(1.0, 1 / 4, 1 / 16)),
+    "bracket": Mode(
+        "exposure bracket: the pulse, a quarter and a sixteenth of it, fused", bracket=(1.0, 1 / 4, 1 / 16)
+    ),
     "two_bands": Mode("850 nm minus 785 nm at the same moment", filter="bp850_25", off_filter="bp785_25"),
     "polarised": Mode("one frame, polarisers before LEDs and lens", polarised=True),
     "shadowed": Mode("one frame, the chaser's body (0.5 m radius) shadows the target", chaser_radius_m=0.5),
@@ -75,23 +79,34 @@ MODES: dict[str, Mode] = {
 
 
 @dataclass(frozen=True)
-class Lit:
-    """Electron rates (H, W) of a geometry through one filter [e⁻/s]: LEDs, Sun, and the Sun one frame interval later."""
+class Rates:
+    """Electron rates (H, W) of a geometry through one filter [e⁻/s].
+
+    Attributes:
+        led, sun: light of the LEDs and of the Sun.
+        moved_sun: sunlight one frame interval later.
+        off: all light through the filter of the second band, where there is one.
+        off_scale: sunlight from a grey surface through the first filter over that through the second.
+    """
 
     led: FloatArray
     sun: FloatArray
     moved_sun: FloatArray
     off: FloatArray | None = None
-    """All light through the filter of the second band [e⁻/s], where there is one."""
     off_scale: float = 1.0
-    """Sunlight from a grey surface through the first filter over that through the second."""
 
 
 @dataclass(frozen=True)
-class Exposed:
-    """An image, what is known of its noise, and the frame with LEDs that tells how far it saturates: a ladder's shortest."""
+class ModeImage:
+    """The image of a mode.
 
-    image: FloatArray | NDArray[np.uint16]
+    Attributes:
+        pixels: (H, W), as the detector gets it.
+        noise: what is known of its noise.
+        lit_dn: the frame with LEDs, which tells how far it saturates; of a bracket the shortest.
+    """
+
+    pixels: FloatArray | NDArray[np.uint16]
     noise: NoiseModel
     lit_dn: NDArray[np.uint16]
 
@@ -110,50 +125,53 @@ def pulse_s(scenario: Scenario, mode: Mode, led_bits: float, sun_bits: float) ->
     """
     auto = scenario.auto_exposure
     rate = led_bits + (sun_bits if mode.shutter_s is None else 0.0)
-    seconds = auto.full_well_fraction * usable_well_electrons(scenario.sensor) / max(rate, 1e-9)
+    seconds = auto.full_well_fraction * chain.usable_well_electrons(scenario.sensor) / max(rate, 1e-9)
     return float(np.clip(seconds, auto.shortest_s, auto.longest_s if mode.shutter_s is None else mode.shutter_s))
 
 
-def take(
-    scenario: Scenario, mode: Mode, lit: Lit, seconds: float, motion_px: FloatArray, rng: np.random.Generator
-) -> Exposed:
+def expose_mode(
+    scenario: Scenario, mode: Mode, rates: Rates, seconds: float, motion_px: FloatArray, rng: np.random.Generator
+) -> ModeImage:
     """One image of a mode.
 
     Args:
         seconds: LED pulse.
         motion_px: image motion (2,) of the target's marker between the two frames of a pair.
     """
-    sensor = scenario.sensor
+    sensor, noise = scenario.sensor, sensor_noise(scenario.sensor)
     shutter = seconds if mode.shutter_s is None else mode.shutter_s
-    on = expose(sensor, (lit.led * seconds + lit.sun * shutter) / shutter, shutter, rng).dn
+    on = expose(sensor, (rates.led * seconds + rates.sun * shutter) / shutter, shutter, rng).dn
     if mode.pair:
-        off = expose(sensor, lit.moved_sun, shutter, rng).dn
-        predicted = motion_px * (1 + MOTION_ERROR * rng.standard_normal()) if mode.pair == "registered" else np.zeros(2)
-        return Exposed(*difference(sensor, on, off, predicted), on)
-    if lit.off is not None:
-        off = expose(sensor, lit.off, shutter, rng).dn
-        return Exposed(*difference(sensor, on, off, np.zeros(2), lit.off_scale), on)
-    if len(mode.rungs) > 1:
-        steps = rung_exposures_s(scenario, mode, seconds)
-        frames = [on, *(expose(sensor, lit.led + lit.sun, s, rng).dn for s in steps[1:])]
-        return Exposed(*fused(sensor, frames, steps), frames[-1])
-    gain = 1 / sensor.gain_electrons_per_dn
-    noise = NoiseModel(gain, sensor.total_noise_electrons * gain, sensor.offset_dn, sensor.saturation_dn)
-    return Exposed(on, noise, on)
+        off = expose(sensor, rates.moved_sun, shutter, rng).dn
+        predicted = None
+        if mode.pair == "registered":
+            predicted = motion_px * (1 + MOTION_ERROR * rng.standard_normal())
+        return ModeImage(*difference(on, off, noise, predicted), on)
+    if rates.off is not None:
+        off = expose(sensor, rates.off, shutter, rng).dn
+        return ModeImage(*difference(on, off, noise, scale=rates.off_scale), on)
+    if len(mode.bracket) > 1:
+        steps = bracket_exposures_s(scenario, mode, seconds)
+        frames = [on, *(expose(sensor, rates.led + rates.sun, s, rng).dn for s in steps[1:])]
+        return ModeImage(*fuse(sensor, frames, steps), frames[-1])
+    return ModeImage(on, noise, on)
 
 
-def rung_exposures_s(scenario: Scenario, mode: Mode, seconds: float) -> list[float]:
-    """Exposures of a mode's ladder from its LED pulse on [s]: those that the camera can make, each once."""
-    return sorted({max(seconds * rung, scenario.auto_exposure.shortest_s) for rung in mode.rungs}, reverse=True)
+def bracket_exposures_s(scenario: Scenario, mode: Mode, seconds: float) -> list[float]:
+    """Exposures of a mode's bracket from its LED pulse on [s]: those that the camera can make, each once."""
+    return sorted({max(seconds * share, scenario.auto_exposure.shortest_s) for share in mode.bracket}, reverse=True)
 
 
-def features_of(scenario: Scenario, mode: Mode, shown: Exposed) -> Features:
+def detect(scenario: Scenario, mode: Mode, image: ModeImage) -> Detection:
     """What the mode's pipeline finds in an image."""
+    camera = chain.view(scenario).camera
     if mode.pipeline == "thesis":
         sensor = scenario.sensor
-        return baseline_features(to_eight_bits(shown.image, sensor.offset_dn, sensor.saturation_dn), scenario.marker)
-    ring_m = scenario.leds.ring_radius_m
-    return find_features(shown.image, scenario.marker, scenario.camera, shown.noise, ring_m)
+        eight_bits = to_eight_bits(image.pixels, sensor.offset_dn, sensor.saturation_dn)
+        return baseline_detect(eight_bits, scenario.marker, camera)
+    return detector.detect(
+        image.pixels, scenario.marker, camera, noise=image.noise, led_ring_radius_m=scenario.leds.ring_radius_m
+    )
 
 
 def chaser_shadow(view: View, radius_m: float) -> FloatArray:

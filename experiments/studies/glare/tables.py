@@ -1,8 +1,6 @@
-"""What the glare study says: rates with their intervals, verdicts with the limit that stands in the way, and tables."""
+"""Rates of the glare study with their intervals, verdicts with the limit that stands in the way, and rows of its tables."""
 
 from __future__ import annotations
-
-from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
@@ -21,7 +19,7 @@ OPENCV_PX_PER_BIT = 3.0
 
 
 def summarise(dataset: xr.Dataset, scenario: Scenario) -> xr.Dataset:
-    """Over (mode, range_m, phase_deg), azimuths and stands pooled: rates, intervals, percentiles, biases, `meets` and `limit`."""
+    """Rates, intervals, percentiles, biases, `meets` and `limit` over (mode, range_m, phase_deg); azimuths, attitudes pooled."""
     pooled = ("azimuth_deg", "frame")
     trials = dataset.sizes["azimuth_deg"] * dataset.sizes["frame"]
     need = scenario.requirement
@@ -33,8 +31,8 @@ def summarise(dataset: xr.Dataset, scenario: Scenario) -> xr.Dataset:
     result = xr.Dataset(
         {
             "detection": found / trials,
-            "detection_low": low,
-            "detection_high": high,
+            "detection_low": (found.dims, low),
+            "detection_high": (found.dims, high),
             "usable": good.sum(pooled) / trials,
             "attitude_p95_deg": _percentile(dataset.attitude_error_deg, pooled),
             "range_p95": _percentile(dataset.range_error, pooled),
@@ -52,10 +50,10 @@ def summarise(dataset: xr.Dataset, scenario: Scenario) -> xr.Dataset:
         & (result.attitude_p95_deg <= need.attitude_error_max_deg)
         & (result.range_p95 <= need.range_error_max)
     )
+    figures = (result[name] for name in ("meets", "px_per_bit", "saturated_fraction", "cnr", "detection"))
     result["limit"] = xr.apply_ufunc(
-        _limit, result.meets, result.px_per_bit, result.saturated_fraction, result.cnr, result.detection,
-        result.phase_deg, result.mode, kwargs={"need": need}, vectorize=True,
-    )  # fmt: skip
+        _limit, *figures, result.phase_deg, result.mode, kwargs={"need": need}, vectorize=True
+    )
     return result
 
 
@@ -131,13 +129,25 @@ def _shortfalls(summary: xr.Dataset, mode: str) -> list[tuple[str, str, str]]:
     return rows
 
 
-#: Columns that fit a terminal.
+#: Columns of `HEADINGS` that fit a terminal.
 TERMINAL = (0, 1, 2, 3, 5, 6, 8, 13)
 #: Columns of the table of modes.
 HEADINGS = (
-    "mode", "range [m]", "phases", "found [%]", "95 % [%]", "attitude p95 [°]", "range p95 [%]", "blobs", "blob bias [px]",
-    "corner bias [px]", "false pos. [%]", "saturated [%]", "CNR", "meets",
-)  # fmt: skip
+    "mode",
+    "range [m]",
+    "phases",
+    "found [%]",
+    "95 % [%]",
+    "attitude p95 [°]",
+    "range p95 [%]",
+    "blobs",
+    "blob bias [px]",
+    "corner bias [px]",
+    "false pos. [%]",
+    "saturated [%]",
+    "CNR",
+    "meets",
+)
 
 
 def mode_rows(summary: xr.Dataset) -> list[tuple[str, ...]]:
@@ -175,6 +185,9 @@ def _text(value: xr.DataArray, form: str) -> str:
     return "–" if np.isnan(float(value)) else format(float(value), form)
 
 
+WHOLE_HEADINGS = ("mode", "absent markers found", "other identities remarked", "searches", "found at most (95 %)")
+
+
 def whole_rows(whole: xr.Dataset) -> list[tuple[str, ...]]:
     """Mode, finds, remarks, searches and the upper end of the 95 % interval of finds over searches, on whole frames."""
     rows: list[tuple[str, ...]] = []
@@ -198,13 +211,3 @@ def widest_interval(summary: xr.Dataset) -> tuple[float, float]:
     """Largest half width of a detection rate's interval: of cells that reach the required rate, and of all."""
     half = (summary.detection_high - summary.detection_low) / 2
     return float(half.where(summary.detection >= 0.99).max()), float(half.max())
-
-
-def markdown(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table of Markdown."""
-    return "\n".join("| " + " | ".join(r) + " |" for r in (headings, ["---"] * len(headings), *rows))
-
-
-def title(mode: str) -> str:
-    """What a mode is."""
-    return MODES[mode].title

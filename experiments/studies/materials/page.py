@@ -1,210 +1,185 @@
-"""The materials: what each returns, at the beginning and at the end of its life, as table, figures and documentation page."""
+"""The page of `mantis materials`: what each material returns, whether more than it receives, and where its figures come from."""
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
-from importlib.resources import files
-from io import StringIO
-from pathlib import Path
+from dataclasses import asdict, fields
 
-import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from rich.table import Table
 
-from experiments.reporting.figures import BLACK, BLUE, GREEN, VERMILION, new_figure, save_svg
-from experiments.reporting.files import write_text
-from materials import library
-from materials.library import END_OF_LIFE, Material
-from materials.observed import WAVELENGTH_NM, observed
+from experiments.reporting.blocks import Block, Card, Cell, Code, Plot, Plots, Section, Table, Text, csv_text
+from experiments.reporting.formatting import number
+from experiments.reporting.page import Page
+from experiments.studies.materials.figures import lobe_figure, spectrum_figure
+from experiments.studies.materials.study import MaterialRow, MaterialsResult
+from materials.goniometer import WAVELENGTH_NM
 
-ENTRANCES_DEG = (5.0, 30.0, 60.0)
-_COLOURS = (BLUE, GREEN, VERMILION)
-_OBSERVATION_DEG = np.unique(np.concatenate([np.geomspace(0.05, 90.0, 100), [10.0, 60.0]]))
-_SPECTRUM_NM = np.arange(700.0, 1001.0, 10.0)
-_COLUMNS = 3
+_LOBES = "BRDF of each material against observation angle at three entrance angles; dashed at the end of life."
+_SPECTRA = "Albedo of each material at normal incidence from 700 to 1000 nm; dashed at the end of life."
+#: A data file of a user's own.
+EXAMPLE = """title = "My tape"
+source = "goniometer of my laboratory"
+date = "2026-11"
+uncertainty = "5 percent"
+assumption = false
+
+[diffuse]
+albedo = [[700, 0.30], [1000, 0.28]]   # one number, or [wavelength in nm, value]; held constant beyond the ends
+
+[gloss]                                # optional: a GGX mirror
+albedo = 0.04
+ggx_alpha = 0.2
+
+[retro]                                # optional: R_A in cd lx⁻¹ m⁻², a row for each entrance angle
+observation_deg = [0.1, 0.2, 0.5, 1.0]
+entrance_deg = [4.0, 30.0]
+coefficient_cd_per_lx_m2 = [[800.0, 600.0, 300.0, 90.0], [400.0, 300.0, 150.0, 45.0]]
+tail_exponent = 3.0                    # fall-off beyond the last observation angle, above 2
+spectral_factor = 1.0                  # on the table, over wavelength
+
+[end_of_life]                          # optional: factors on each lobe
+retro = 0.5
+source = "lamp ageing"
+date = "2026-11"
+uncertainty = "20 percent"
+assumption = true"""
 
 
-@dataclass(frozen=True)
-class MaterialRow:
-    """One material at one end of its life.
-
-    `peak_per_sr` is the largest f at 5° entrance over 0.05–90° observation angle; albedos are directional-hemispherical
-    reflectances at 0, 30 and 60° incidence; all at 850 nm.
-    """
-
-    name: str
-    title: str
-    life: str
-    peak_per_sr: float
-    albedo_0: float
-    albedo_30: float
-    albedo_60: float
-    assumption: bool
-    source: str
-    date: str
-    uncertainty: str
-
-
-def run(out_dir: Path | None = None, names: Sequence[str] = ()) -> list[MaterialRow]:
-    """Tabulate the materials and, into a folder, write `materials.md`, `figures/materials-*.svg` and `data/materials.csv`.
+def page(result: MaterialsResult, command: str, named: bool = False) -> Page:
+    """What each material returns, as table and figures, and where its figures come from.
 
     Args:
-        out_dir: where the files go; None writes none. `docs` renews this project's own page.
-        names: materials of the library, or paths of data files; none means the whole library.
-
-    Raises:
-        ValueError: when a material does not exist, its file is wrong, or it would return more light than it receives.
+        named: whether the materials were asked for by name; their sources are then told first.
     """
-    rows = [_row(library.load(name)) for name in names or library.available()]
-    if out_dir is not None:
-        pairs = fresh_and_worn([row.name for row in rows])
-        write_text(as_csv(rows), out_dir / "data" / "materials.csv")
-        save_svg(lobe_figure(pairs), out_dir / "figures" / "materials-lobes.svg")
-        save_svg(spectrum_figure(pairs), out_dir / "figures" / "materials-spectra.svg")
-        write_text(page(rows), out_dir / "materials.md")
-    return rows
-
-
-def _row(material: Material) -> MaterialRow:
-    at_0, at_30, at_60 = (material.albedo(np.radians(angle), WAVELENGTH_NM) for angle in (0.0, 30.0, 60.0))
-    return MaterialRow(
-        name=material.name,
-        title=material.title,
-        life="end" if material.name.endswith(END_OF_LIFE) else "beginning",
-        peak_per_sr=float(observed(material, ENTRANCES_DEG[0], _OBSERVATION_DEG).max()),
-        albedo_0=at_0,
-        albedo_30=at_30,
-        albedo_60=at_60,
-        assumption=material.assumption,
-        source=material.source,
-        date=material.date,
-        uncertainty=material.uncertainty,
+    rows = result.rows
+    brightest = max(rows, key=lambda row: row.albedo)
+    most = brightest.albedo
+    known = sum(not row.assumption for row in rows)
+    return Page(
+        study="materials",
+        title=f"Materials at {WAVELENGTH_NM:g} nm",
+        headline=f"No material returns more light than it receives: {number(most)} of it at most."
+        if most <= 1
+        else f"{brightest.short_name} returns {number(most)} times the light that it receives.",
+        passed=most <= 1,
+        command=command,
+        sections=(
+            Section("table", "What each returns", (_numbers(rows), *_figures(result))),
+            Section("own", "A material of your own", _own(), wordy=True),
+            Section("sources", "Where the figures come from", (_sources(rows),), wordy=True),
+        ),
+        findings=tuple(map(_source, rows)) if named else (),
+        cards=(
+            Card(
+                "Energy", number(most), f"largest albedo, of {brightest.short_name}; 1 returns all light", (), most <= 1
+            ),
+            Card("Sources", f"{known} of {len(rows)}", "have no figure that is an assumption", (), None),
+        ),
+        about=(
+            "Each material is the sum of up to three lobes, each a BRDF f in sr⁻¹ that is the same for the budget and for the "
+            "renderer (materials/brdf.py): Lambertian; a GGX mirror; and retroreflection, a table of ASTM E810's "
+            "R_A = f cosθ_i cosθ_o over observation and entrance angle. Each lobe is scaled by a spectrum.",
+            "No material returns more light than arrives, at any angle and wavelength. One that would is refused when it is "
+            "loaded, with the arithmetic: a top-hat lobe of 200 sr⁻¹, for one, can be at most 2.29° wide (half angle, f₀ π sin²θ "
+            "≤ 1).",
+            "A name that ends in _eol is the same material at the end of its life: each lobe times a factor.",
+        ),
+        limits=_limits(rows),
+        extra={"wavelength_nm": WAVELENGTH_NM, "materials": [asdict(row) for row in rows]},
+        files={"data/materials.csv": as_csv(rows)},
     )
 
 
-def fresh_and_worn(names: Sequence[str]) -> list[tuple[Material, Material | None]]:
-    """Each material with its own end of life, where that was asked for too; one asked for alone stands alone."""
-    pairs = []
-    for name in names:
-        if name.endswith(END_OF_LIFE) and name.removesuffix(END_OF_LIFE) in names:
-            continue
-        worn = name + END_OF_LIFE
-        pairs.append((library.load(name), library.load(worn) if worn in names else None))
-    return pairs
+def _limits(rows: tuple[MaterialRow, ...]) -> tuple[str, ...]:
+    assumed = [row.short_name for row in rows if row.assumption]
+    names = f"These materials have a figure that is an assumption: {', '.join(assumed)}." if assumed else ""
+    return (
+        names or "No material shown here has a figure that is an assumption.",
+        "A spectrum is held constant beyond its first and last wavelength.",
+        "Retroreflection depends on observation and entrance angle alone, not on how a tape is turned about its normal.",
+    )
 
 
-def lobe_figure(pairs: Sequence[tuple[Material, Material | None]]) -> Figure:
-    """f against observation angle at three entrance angles, a panel each; dashed at the end of life."""
-    figure, panels = _panels(len(pairs), "observation angle [°]", f"BRDF at {WAVELENGTH_NM:g} nm [1/sr]", share_y=True)
-    for axes, (fresh, worn) in zip(panels, pairs, strict=False):
-        for entrance, colour in zip(ENTRANCES_DEG, _COLOURS, strict=True):
-            for material, style in ((fresh, "-"), (worn, "--")):
-                if material is not None:
-                    f = observed(material, entrance, _OBSERVATION_DEG)
-                    axes.loglog(_OBSERVATION_DEG, f, style, color=colour, linewidth=1.0)
-        axes.set_title(_short(fresh.name), loc="left", fontweight="bold")
-        axes.set_xticks([0.1, 1, 10, 90], ["0.1", "1", "10", "90"])
-        axes.minorticks_off()
-    for entrance, colour in zip(ENTRANCES_DEG, _COLOURS, strict=True):
-        panels[0].plot([], [], color=colour, label=f"entrance angle {entrance:g}°")
-    return _finish(figure, panels[0])
+def _numbers(rows: tuple[MaterialRow, ...]) -> Table:
+    return Table(
+        ("material", "peak f [sr⁻¹]", "albedo 0°", "30°", "60°", "assumption", "what it is"),
+        tuple(
+            (
+                Cell(row.short_name, style="left"),
+                Cell(f"{row.peak_per_sr:.3g}", row.peak_per_sr),
+                *(Cell(f"{a:.3f}", a, a <= 1) for a in (row.albedo_0, row.albedo_30, row.albedo_60)),
+                Cell("yes" if row.assumption else "", style="flagged" if row.assumption else ""),
+                Cell(row.title, style="left"),
+            )
+            for row in rows
+        ),
+        f"Materials at {WAVELENGTH_NM:g} nm",
+        terminal=True,
+    )
 
 
-def spectrum_figure(pairs: Sequence[tuple[Material, Material | None]]) -> Figure:
-    """Albedo against wavelength at normal incidence, a panel each; dashed at the end of life."""
-    figure, panels = _panels(len(pairs), "wavelength [nm]", "albedo at normal incidence [–]", share_y=False)
-    for axes, (fresh, worn) in zip(panels, pairs, strict=False):
-        for material, style in ((fresh, "-"), (worn, "--")):
-            if material is not None:
-                shares = material.lobe_albedos(0.0)
-                spectra = (material.diffuse, material.gloss, material.retro)
-                albedo = sum(s(_SPECTRUM_NM) * a for s, a in zip(spectra, shares, strict=True))
-                axes.plot(_SPECTRUM_NM, albedo, style, color=BLUE, linewidth=1.0)
-        axes.set_title(_short(fresh.name), loc="left", fontweight="bold")
-        axes.set_ylim(0, 1.05 * axes.get_ylim()[1])
-    return _finish(figure, panels[0])
+def _figures(result: MaterialsResult) -> tuple[Block, ...]:
+    return (
+        Text(
+            (
+                "Peak f is the largest BRDF at 5° entrance angle, from 0.05° observation angle on. Albedo is the "
+                "directional-hemispherical reflectance at 0, 30 and 60° incidence. An assumption is a material some figure of "
+                "which is one. The same rows with their sources are in data/materials.csv.",
+            )
+        ),
+        _plot("lobes", lobe_figure(result.pairs), _LOBES),
+        Text(
+            (
+                "The viewer moves away from the source through the normal, so that a mirror glints at twice the entrance angle. "
+                "Lambertian lobes do not depend on the entrance angle: their lines lie on one another.",
+            )
+        ),
+        _plot("spectra", spectrum_figure(result.pairs), _SPECTRA),
+    )
 
 
-def _panels(count: int, x_label: str, y_label: str, *, share_y: bool) -> tuple[Figure, list[Axes]]:
-    columns = min(count, _COLUMNS)
-    rows = -(-count // columns)
-    size = (2.5 * columns + 0.4, 1.7 * rows + 0.8)
-    figure, grid = new_figure(rows, columns, size, sharex=True, sharey=share_y)
-    figure.supxlabel(x_label, fontsize=9)
-    figure.supylabel(y_label, fontsize=9)
-    panels = list(grid.flat)
-    for axes in panels[count:]:
-        axes.remove()
-    # The lowest of each column has labels, also where the last row is not full.
-    for axes in panels[max(0, count - columns) : count]:
-        axes.tick_params(labelbottom=True)
-    return figure, panels[:count]
+def _plot(key: str, figure: Figure, caption: str) -> Plots:
+    return Plots((Plot(key, figure, caption),), caption)
 
 
-def _finish(figure: Figure, first: Axes) -> Figure:
-    first.plot([], [], "-", color=BLACK, label="beginning of life")
-    first.plot([], [], "--", color=BLACK, label="end of life")
-    figure.legend(loc="outside upper center", ncols=3, fontsize=8)
-    return figure
+def _own() -> tuple[Block, ...]:
+    return (
+        Text(
+            (
+                'Give the path of a TOML file instead of a name: tape_material = "my_tape.toml" in a scenario, beside which the '
+                "file is looked for, or --set target.tape_material=my_tape.toml. my_tape.toml_eol is its end of life. "
+                "mantis materials my_tape.toml checks and plots it.",
+            )
+        ),
+        Code(EXAMPLE),
+    )
 
 
-def _short(name: str) -> str:
-    """A path's last part."""
-    return Path(name).name
+def _sources(rows: tuple[MaterialRow, ...]) -> Table:
+    return Table(
+        ("material", "source", "date", "uncertainty", "status"),
+        tuple(
+            (
+                Cell(row.short_name),
+                Cell(row.source),
+                Cell(row.date),
+                Cell(row.uncertainty),
+                Cell("assumption" if row.assumption else "", style="flagged" if row.assumption else ""),
+            )
+            for row in rows
+        ),
+    )
 
 
-def as_table(rows: Sequence[MaterialRow]) -> Table:
-    """The rows for a terminal of 110 columns."""
-    table = Table(
-        title=f"Materials at {WAVELENGTH_NM:g} nm",
-        caption="f peak: largest BRDF at 5° entrance from 0.05° observation angle on. Albedo: at 0, 30 and 60° incidence. "
-        "a: some figure is an assumption. Names are those of target.face_material, tape_material and absorber_material.",
-        title_style="bold", box=None, padding=(0, 1, 0, 0), pad_edge=False,
-    )  # fmt: skip
-    for heading in ("material", "f peak\n1/sr", "albedo\n0°", "\n30°", "\n60°", "\na"):
-        table.add_column(heading, justify="left" if heading == "material" else "right", no_wrap=heading != "material")
-    table.add_column("\nwhat it is")
-    titles = {row.name: row.title for row in rows}
-    for row in rows:
-        albedos = (f"{a:.3f}" for a in (row.albedo_0, row.albedo_30, row.albedo_60))
-        fresh_beside_it = row.life == "end" and row.name.removesuffix(END_OF_LIFE) in titles
-        what = "  the same, end of life" if fresh_beside_it else row.title
-        table.add_row(_short(row.name), f"{row.peak_per_sr:.3g}", *albedos, "a" if row.assumption else "", what)
-    return table
+def _source(row: MaterialRow) -> str:
+    assumed = " (an assumption)" if row.assumption else ""
+    return f"{row.short_name}{assumed}: {row.source} ({row.date}). Uncertainty: {row.uncertainty}."
 
 
-def sources(rows: Sequence[MaterialRow]) -> list[str]:
-    """Source, date and uncertainty of each material, a paragraph each."""
-    return [
-        f"{_short(r.name)}{', an assumption' if r.assumption else ''}: {r.source} ({r.date}). Uncertainty: {r.uncertainty}."
-        for r in rows
-    ]
-
-
-def as_csv(rows: Sequence[MaterialRow]) -> str:
+def as_csv(rows: tuple[MaterialRow, ...]) -> str:
     """The rows as comma-separated values with a heading."""
-    buffer = StringIO()
-    writer = csv.DictWriter(buffer, [f.name for f in fields(MaterialRow)], lineterminator="\n")
-    writer.writeheader()
-    for row in rows:
-        writer.writerow(asdict(row) | {k: f"{v:.6g}" for k, v in asdict(row).items() if isinstance(v, float)})
-    return buffer.getvalue()
+    records = [asdict(row) for row in rows]
+    return csv_text({field.name: [_six_digits(r[field.name]) for r in records] for field in fields(MaterialRow)})
 
 
-def page(rows: Sequence[MaterialRow]) -> str:
-    """The documentation page."""
-    cells = [
-        f"| `{_short(r.name)}` | {r.title}{' *' if r.assumption else ''} | {r.peak_per_sr:.3g} | {r.albedo_0:.3f} | "
-        f"{r.albedo_30:.3f} | {r.albedo_60:.3f} |"
-        for r in rows
-    ]
-    origins = [
-        f"- **`{_short(r.name)}`**{' (assumption)' if r.assumption else ''}: {r.source}. *{r.date}; "
-        f"uncertainty: {r.uncertainty}.*"
-        for r in rows
-    ]
-    template = (files("experiments") / "studies" / "materials" / "page.md").read_text(encoding="utf-8")
-    return template.format(table="\n".join(cells), sources="\n".join(origins))
+def _six_digits(value: object) -> object:
+    return f"{value:.6g}" if isinstance(value, float) else value

@@ -33,9 +33,15 @@ PHASES = (0.0, 1 / 3, -1 / 3)
 VIEWS_DEG = ((-25, -25), (-25, 0), (-25, 25), (0, -25), (0, 0), (0, 25), (25, -25), (25, 0), (25, 25))
 #: Views of the chessboard: tilts (pitch, yaw) [deg] and the board's place off the axis, over its range.
 BOARD_VIEWS = (
-    (-30, 0, 0.0, 0.0), (30, 0, 0.024, 0.024), (0, -30, -0.024, 0.024), (0, 30, 0.024, -0.024),
-    (-25, 25, -0.016, -0.016), (25, 25, 0.0, 0.0), (25, -25, 0.016, 0.0), (-25, -25, 0.0, -0.016),
-)  # fmt: skip
+    (-30, 0, 0.0, 0.0),
+    (30, 0, 0.024, 0.024),
+    (0, -30, -0.024, 0.024),
+    (0, 30, 0.024, -0.024),
+    (-25, 25, -0.016, -0.016),
+    (25, 25, 0.0, 0.0),
+    (25, -25, 0.016, 0.0),
+    (-25, -25, 0.0, -0.016),
+)
 #: Roll of the board [deg]: no edge along the rows of pixels, where every sub-pixel position is the same. The focal length is
 #: recovered at zero roll, too: within 0.03 %, measured.
 BOARD_ROLL_DEG = 8.0
@@ -45,8 +51,15 @@ ROLL_DEG, ROLL_MARGIN = 15.0, 0.15
 BOARD_RAYS = 16
 #: What a camera's calibration finds, in its order.
 CAMERA_PARAMETERS = (
-    "focal length, columns", "focal length, rows", "principal point x", "principal point y", "k1", "k2", "p1", "p2",
-)  # fmt: skip
+    "focal length, columns",
+    "focal length, rows",
+    "principal point x",
+    "principal point y",
+    "k1",
+    "k2",
+    "p1",
+    "p2",
+)
 #: Brightest paint over full well.
 PAINT_LEVEL = 0.6
 
@@ -241,9 +254,12 @@ def report_elements(found: ElementCalibration, scenario: Scenario) -> Report:
         "virtual_depth_fraction": round(built.virtual_depth_fraction, 6),
     }
     values = {
-        "offsets_m": found.offsets_m, "virtual_depth_m": found.virtual_depth_m, "sigma_m": sigma, "used": found.used,
+        "offsets_m": found.offsets_m,
+        "virtual_depth_m": found.virtual_depth_m,
+        "sigma_m": sigma,
+        "used": found.used,
         "reduced_chi2": found.reduced_chi2,
-    }  # fmt: skip
+    }
     return Report(tuple(lines), values, toml_text({"marker": marker}))
 
 
@@ -259,13 +275,18 @@ def report_camera(found: CameraCalibration, scenario: Scenario) -> Report:
         f"principal point ({off[0]:+.2f}, {off[1]:+.2f}) px off the frame's middle, where a scenario has it",
     ]
     camera = {
-        "focal_length_m": round(focal_m, 8), "pixel_pitch_y_m": float(f"{focal_m / found.focal_px[1]:.7g}"),
+        "focal_length_m": round(focal_m, 8),
+        "pixel_pitch_y_m": float(f"{focal_m / found.focal_px[1]:.7g}"),
         **{key: round(float(v), 6) for key, v in zip(("k1", "k2", "p1", "p2"), found.distortion, strict=False)},
-    }  # fmt: skip
+    }
     record = {
-        "focal_px": found.focal_px, "principal_point_px": found.principal_point_px, "distortion": found.distortion,
-        "sigma": found.sigma, "rms_px": found.rms_px, "views": found.views,
-    }  # fmt: skip
+        "focal_px": found.focal_px,
+        "principal_point_px": found.principal_point_px,
+        "distortion": found.distortion,
+        "sigma": found.sigma,
+        "rms_px": found.rms_px,
+        "views": found.views,
+    }
     return Report(tuple(lines), record, toml_text({"camera": camera}))
 
 

@@ -1,19 +1,18 @@
-"""Frames of one geometry at any sub-pixel position: the transport rendered before the lens's blur, and the truth about it."""
+"""Frames of one geometry at any sub-pixel position: the transport rendered before the lens's blur, and the exposure."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
 from detector.pose.bounds import Exposure, FineImage, Orbit
 from experiments import chain
 from experiments.scenario import Scenario
+from experiments.studies.shared.truth import Truth
 from radiometry.geometry import FloatArray
 from radiometry.optics import camera_at
-from scenes.render.transport import View
 
 #: Sub-pixels along a pixel's side. A point spread of half a pixel passes nothing that so many cannot carry.
 SAMPLES = 4
@@ -55,63 +54,16 @@ def _dense(scenario: Scenario, rays: int) -> Scenario:
     camera = scenario.camera
     width, height = camera.width_px * SAMPLES, camera.height_px * SAMPLES
     fine = {
-        "width_px": width, "height_px": height, "pixel_pitch_x_m": camera.pixel_pitch_x_m / SAMPLES,
-        "pixel_pitch_y_m": camera.pixel_pitch_y_m / SAMPLES, "psf_sigma_px": 0.0, "focus_m": None,
-    }  # fmt: skip
+        "width_px": width,
+        "height_px": height,
+        "pixel_pitch_x_m": camera.pixel_pitch_x_m / SAMPLES,
+        "pixel_pitch_y_m": camera.pixel_pitch_y_m / SAMPLES,
+        "psf_sigma_px": 0.0,
+        "focus_m": None,
+    }
     budget = int(np.clip(rays * width * height, 10_000, 50_000_000))
     render = {**scenario.render.model_dump(), "frame_samples": 2, "marker_rays": budget}
     return scenario.at(camera={**camera.model_dump(), **fine}, render=render)
-
-
-@dataclass(frozen=True)
-class Truth:
-    """Where the features of a geometry are, without any shift."""
-
-    view: View
-
-    @cached_property
-    def corners_px(self) -> FloatArray:
-        """Corners (4, 2) of the ArUco [px]."""
-        return self.view.to_image(self.view.marker.corners_m)
-
-    @cached_property
-    def blobs_px(self) -> dict[str, FloatArray]:
-        """Blob (2,) of each element [px], whether it lies in the opening or not."""
-        return {name: ends[0] for name, ends in self._ends.items()}
-
-    @cached_property
-    def along_px(self) -> dict[str, FloatArray]:
-        """Image (2,) of the unit vector along each element, at its blob [px/m]."""
-        return {name: (ends[1] - ends[0]) / 1e-6 for name, ends in self._ends.items()}
-
-    @cached_property
-    def blob_width_px(self) -> float:
-        """Width of the blobs' triangle at half its height, the shortest over the elements [px]."""
-        from detector.elements.slits import Slits
-
-        camera = self.view.to_marker(np.zeros(3))
-        return min(
-            float(Slits(self.view.marker, e, camera).half_width * np.linalg.norm(self.along_px[e.name]))
-            for e in self.view.marker.elements
-        )
-
-    @cached_property
-    def _ends(self) -> dict[str, FloatArray]:
-        camera = self.view.to_marker(np.zeros(3))
-        return {
-            e.name: self.view.to_image(
-                e.centre_m + (float(e.blob_offset_m(camera)) + np.array([[0.0], [1e-6]])) * e.along
-            )
-            for e in self.view.marker.elements
-        }
-
-    def pose(self, shift_px: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
-        """Rotation (3, 3) and translation (3,) [m] that show the marker moved by a shift: the camera turned by so little."""
-        from scipy.spatial.transform import Rotation
-
-        fx, fy = self.view.camera.focal_px
-        turn = Rotation.from_rotvec([-np.arctan(shift_px[1] / fy), np.arctan(shift_px[0] / fx), 0.0]).as_matrix()
-        return turn @ self.view.rotation, turn @ self.view.translation_m
 
 
 @dataclass(frozen=True)
@@ -130,7 +82,7 @@ class Case:
         seconds = chain.solve_exposure(cropped, chain.link_budget(cropped, illumination), cropped.exposure_s)
         sensor = cropped.sensor
         exposure = Exposure(seconds, sensor.dark_electrons(seconds), sensor.total_noise_electrons)
-        return cls(cropped, fine_frames([cropped], illumination)[0], exposure, Truth(chain.view(cropped)))
+        return cls(cropped, fine_frames([cropped], illumination)[0], exposure, Truth.of(cropped))
 
     def orbit(self, illumination: str = "eclipse") -> Orbit:
         """The marker from a little aside: pitch, yaw and range before and after."""

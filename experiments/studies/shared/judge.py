@@ -1,25 +1,18 @@
-"""What a method made of a frame, held against the truth: errors, and the failures of thesis section 8.3."""
+"""What a method made of a frame, compared with the truth: errors, and the failures of thesis section 8.3."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from detector.elements.blobs import MAX_CUT_FRACTION
-from detector.elements.slits import Slits
-from experiments.studies.shared.trackers import Sight
-from experiments.thesis.virtual.targets import Design
+from experiments.studies.shared.trackers import TrackerResult
+from experiments.studies.shared.truth import MISPLACED_BITS, Truth
 from radiometry.geometry import FRONTAL, FloatArray, rotation_angle
 from scenes.marker import MarkerDesign
-from scenes.tags import DotPlate, TagPlate
-from scenes.view import View
+from scenes.tags import TagPlate
 
 #: A corner further off than this, over the ArUco's side, is wrong: half the diagonal of the narrow ring, so nearer to that ring's
 #: outer corner than to its own.
 WRONG_CORNER = 0.5 * np.sqrt(2) * 0.06
-#: Corners further off than this, rms and in bits, are another thing.
-MISPLACED_BITS = 1.0
 #: What is kept of every frame: unit and long name. Errors are measured minus true, NaN without a pose.
 VARIABLES: dict[str, tuple[str, str]] = {
     "found": ("1", "target found at its place"),
@@ -34,76 +27,57 @@ VARIABLES: dict[str, tuple[str, str]] = {
     "loss_of_aruco": ("1", "no square found, or none whose bits decode (failure mode 1 of thesis section 8.3)"),
     "false_positive": ("1", "another identity, or a marker elsewhere (failure mode 2)"),
     "loss_of_elements": ("1", "square found, but no two blobs that make a virtual point (failure mode 3)"),
-    "wrong_corners": ("1", "square found with a corner nearer to the ring's outer corner than to its own (failure mode 4)"),
+    "wrong_corners": (
+        "1",
+        "square found with a corner nearer to the ring's outer corner than to its own (failure mode 4)",
+    ),
     "no_blob": ("1", "square found, but not every blob that stands in its opening (failure mode 5)"),
-}  # fmt: skip
+}
 FAILURES = ("loss_of_aruco", "false_positive", "loss_of_elements", "wrong_corners", "no_blob")
 
 
-@dataclass(frozen=True)
-class Truth:
-    """A frame's target, attitude and camera."""
-
-    design: Design
-    view: View
-
-    @property
-    def points_px(self) -> FloatArray:
-        """Feature points (n, 2), corners first [px]."""
-        points = self.design.points_m if isinstance(self.design, DotPlate) else self.design.corners_m
-        return self.view.to_image(points)
-
-    def blobs(self) -> frozenset[str]:
-        """Elements in whose opening the blob stands, but for as much as a detector may lose."""
-        if not isinstance(self.design, MarkerDesign):
-            return frozenset()
-        camera_m = self.view.to_marker(np.zeros(3))
-        return frozenset(
-            e.name
-            for e in self.design.elements
-            if Slits(self.design, e, camera_m).cut_fraction(float(e.blob_offset_m(camera_m))) <= MAX_CUT_FRACTION
-        )
-
-    def judge(self, sight: Sight) -> dict[str, float]:
-        """Values of `VARIABLES`; those that a target does not have are left out."""
-        side_m = self.design.aruco_m
-        side_px = side_m * float(np.mean(self.view.camera.focal_px)) / self.view.range_m
-        error = np.inf
-        elsewhere = False
-        if sight.points_px is not None:
-            distance = np.linalg.norm(sight.points_px - self.points_px, axis=1)
-            error = float(distance.max())
-            bit_px = side_px * self.design.bit_m / side_m
-            elsewhere = float(np.sqrt(np.mean(distance**2))) > MISPLACED_BITS * bit_px
-        found = np.isfinite(error) and not elsewhere
-        values = {
-            "found": float(found),
-            "loss_of_aruco": float(not found),
-            "false_positive": float(sight.other or elsewhere),
+def judge(truth: Truth, detection: TrackerResult) -> dict[str, float]:
+    """Values of `VARIABLES`; those that a target does not have are left out."""
+    error, elsewhere = np.inf, False
+    if detection.points_px is not None:
+        distance = np.linalg.norm(detection.points_px - truth.points_px, axis=1)
+        error = float(distance.max())
+        bit_px = truth.side_px * truth.design.bit_m / truth.design.aruco_m
+        elsewhere = float(np.sqrt(np.mean(distance**2))) > MISPLACED_BITS * bit_px
+    found = np.isfinite(error) and not elsewhere
+    values = {
+        "found": float(found),
+        "loss_of_aruco": float(not found),
+        "false_positive": float(detection.other or elsewhere),
+    }
+    if found:
+        values |= {"point_error_px": error, **_pose_errors(truth, detection)}
+    if isinstance(truth.design, (MarkerDesign, TagPlate)):
+        values["wrong_corners"] = float(found and error > WRONG_CORNER * truth.side_px)
+    if detection.blobs is not None:
+        there = truth.blobs_in_openings
+        values |= {
+            "blobs_there": len(there),
+            "blobs_found": len(there & detection.blobs),
+            "loss_of_elements": float(found and not detection.virtual),
+            "no_blob": float(found and not there <= detection.blobs),
         }
-        if found:
-            values |= {"point_error_px": error, **self._pose_errors(sight)}
-        if isinstance(self.design, (MarkerDesign, TagPlate)):
-            values["wrong_corners"] = float(found and error > WRONG_CORNER * side_px)
-        if sight.blobs is not None:
-            there = self.blobs()
-            values |= {
-                "blobs_there": len(there), "blobs_found": len(there & sight.blobs),
-                "loss_of_elements": float(found and not sight.virtual), "no_blob": float(found and not there <= sight.blobs),
-            }  # fmt: skip
-        return values
+    return values
 
-    def _pose_errors(self, sight: Sight) -> dict[str, float]:
-        if sight.rotation is None or sight.translation_m is None:
-            return {}
-        off = tilt_deg(sight.rotation) - tilt_deg(self.view.rotation)
-        pitch, yaw = (off + 180) % 360 - 180
-        distance = float(np.linalg.norm(sight.translation_m) - np.linalg.norm(self.view.translation_m))
-        return {
-            "pitch_error_deg": float(pitch), "yaw_error_deg": float(yaw), "range_error_m": distance,
-            "attitude_error_deg": float(np.degrees(rotation_angle(self.view.rotation, sight.rotation))),
-            "pitch_sigma_deg": float(np.degrees(sight.sigma_pitch_rad)),
-        }  # fmt: skip
+
+def _pose_errors(truth: Truth, detection: TrackerResult) -> dict[str, float]:
+    if detection.rotation is None or detection.translation_m is None:
+        return {}
+    off = tilt_deg(detection.rotation) - tilt_deg(truth.view.rotation)
+    pitch, yaw = (off + 180) % 360 - 180
+    distance = float(np.linalg.norm(detection.translation_m) - np.linalg.norm(truth.view.translation_m))
+    return {
+        "pitch_error_deg": float(pitch),
+        "yaw_error_deg": float(yaw),
+        "range_error_m": distance,
+        "attitude_error_deg": float(np.degrees(rotation_angle(truth.view.rotation, detection.rotation))),
+        "pitch_sigma_deg": float(np.degrees(detection.sigma_pitch_rad)),
+    }
 
 
 def tilt_deg(rotation: FloatArray) -> FloatArray:

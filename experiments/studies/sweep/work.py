@@ -137,7 +137,8 @@ def _of_one_illumination(cases: Sequence[Case], basis: TransportBasis) -> Iterat
     illumination = scenario.illumination
     try:
         rate = chain.electron_rate(scenario, basis, illumination)
-        budget = chain.link_budget_beside(scenario, illumination, rate)
+        prepared = chain.Case(scenario, illumination)
+        budget = prepared.link_budget_beside(rate)
     except Exception as error:
         yield from ((index, failure(error)) for index, _ in cases)
         return
@@ -145,8 +146,8 @@ def _of_one_illumination(cases: Sequence[Case], basis: TransportBasis) -> Iterat
     while left:
         try:
             seconds = [chain.solve_exposure(scenario, budget, case.exposure_s) for _, case in left[:together]]
-            known = trials.known_values(scenario, illumination, budget, rate, seconds)
-            for k, drawn in enumerate(trials.draws(scenario, rate, illumination, seconds)):
+            known = trials.known_values(prepared, budget, rate, seconds)
+            for k, drawn in enumerate(trials.draws(prepared, rate, seconds)):
                 values = {name: column[k] for name, column in known.items()}
                 variance = chain.renderer_variance_fraction(scenario, basis, illumination, seconds[k], rate)
                 beside = {"px_per_bit": budget.px_per_bit, "renderer_variance_fraction": variance}

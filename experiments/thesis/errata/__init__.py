@@ -1,1 +1,1 @@
-"""The thesis's link budget as printed, repaired slip by slip, and in full."""
+"""The thesis's link budget as printed, with its errors corrected one by one, and in full."""

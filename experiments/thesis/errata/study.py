@@ -1,63 +1,112 @@
-"""The thesis's radiometric analysis in three models side by side: as printed, repaired slip by slip, and in full.
+"""The thesis's radiometric analysis in three models side by side: as printed, with its errors corrected, and in full.
 
-* *printed*: section 6.2 and listing A.5, slips included (`radiometry.thesis`);
-* *repaired*: the same assumptions, flat tape of 200 sr⁻¹ and ideal optics, without the slips (`radiometry.corrections`);
+* *printed*: section 6.2 and listing A.5, errors included (`radiometry.thesis`);
+* *corrected*: the same assumptions, flat tape of 200 sr⁻¹ and ideal optics, without the errors (`radiometry.corrections`);
 * *full*: `chain.link_budget` of the same LEDs, beam, bit and camera with tape lobe, point spread, neighbours and background.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import xarray as xr
 
 from experiments import chain
+from experiments.chain.progress import Progress
 from experiments.scenario import Scenario, load_scenario
+from experiments.thesis.errata.plan import BEAM_DEG, FULL, Plan
 from materials import library
 from radiometry import link
-from radiometry.corrections import LED, REPAIRS, SUN, Repair, printed_model, repaired, waterfall
-from radiometry.extensions import BEAM_OPTICS_EFFICIENCY, Surroundings, completions
+from radiometry.corrections import CORRECTIONS, LED, SUN, Correction, LinkModel, corrected, printed_model, waterfall
+from radiometry.extensions import BEAM_OPTICS_EFFICIENCY, Surroundings, extensions
 from radiometry.geometry import FloatArray
 from radiometry.thesis import PrintedModel
 from scenes.projection.visible import visible_tape
 
-MODELS = ("printed", "repaired", "full")
+MODELS = ("printed", "corrected", "full")
 #: Sources by illumination. The thesis's sunlit case has its LEDs on; "sun alone" is the frame without them.
-LIGHTS: dict[str, tuple[str, ...]] = {"eclipse": (LED,), "sunlit": (LED, SUN), "sun alone": (SUN,)}
-#: Label -> full beam angle [deg] and exposure [s] of the thesis's figures 6.3 and 6.4; 'auto' is each model's own.
-EXPOSURES: dict[str, tuple[float, float | str]] = {
-    "1/30 s": (16.0, 1 / 30),
-    "1 ms": (16.0, 1e-3),
-    **{f"1/{n} s, 8°": (8.0, 1 / n) for n in (50, 100, 150, 200)},
-    "auto": (16.0, "auto"),
-}
-#: The exposure at which the waterfall of an illumination is taken.
-WATERFALL_EXPOSURE = {"eclipse": "1/30 s", "sunlit": "1 ms", "sun alone": "1 ms"}
-RANGES_M = tuple(float(r) for r in range(1, 21))
+SOURCES: dict[str, tuple[str, ...]] = {"eclipse": (LED,), "sunlit": (LED, SUN), "sun alone": (SUN,)}
 
 
-def thesis_scenario(cone_deg: float, range_m: float = 1.0) -> Scenario:
-    """The default scenario with the thesis's beam and 5 mm bit; the rest of it is the thesis's already or not in the thesis."""
-    scenario = load_scenario()
-    beam = repaired(printed_model(PrintedModel(light_cone_deg=cone_deg)), REPAIRS)
+@dataclass(frozen=True)
+class ErrataResult:
+    """The three models and the steps between them.
+
+    Attributes:
+        scenario: the thesis's system, see `load`.
+        plan: what was walked through.
+        dataset: charges, SNR, CNR and well filling by (model, illumination, exposure, range_m), and signal and SNR after each
+            step by (step, illumination, range_m).
+        steps: corrections, then extensions, in the order in which they are made.
+    """
+
+    scenario: Scenario
+    plan: Plan
+    dataset: xr.Dataset
+    steps: tuple[Correction, ...]
+
+
+def load(overrides: tuple[str, ...] = (), seed: int | None = None) -> Scenario:
+    """The thesis's system: the default scenario with the thesis's bit of 5 mm and its beam of 16°.
+
+    The rest of the default scenario is the thesis's already, or is not in the thesis.
+    """
+    scenario = load_scenario(None, overrides if seed is None else (*overrides, f"seed={seed}"))
+    size = scenario.marker.size_m * PrintedModel().bit_m / scenario.marker.bit_m
+    marker = {**scenario.marker.model_dump(), "size_m": size}
+    return _with_beam(scenario.at(range_m=1.0, marker=marker), BEAM_DEG)
+
+
+def _with_beam(scenario: Scenario, beam_deg: float) -> Scenario:
+    """The scenario with the thesis's LEDs narrowed to a beam of this full angle."""
+    beam = corrected(printed_model(PrintedModel(light_cone_deg=beam_deg)), CORRECTIONS)
     leds = {
         **scenario.leds.model_dump(),
         "count": beam.settings.led_count,
         "intensity_w_sr": BEAM_OPTICS_EFFICIENCY * beam.intensity_w_sr / beam.settings.led_count,
-        "half_angle_deg": cone_deg / 2,
+        "half_angle_deg": beam_deg / 2,
     }
-    size = scenario.marker.size_m * beam.settings.bit_m / scenario.marker.bit_m
-    marker = {**scenario.marker.model_dump(), "size_m": size}
-    return scenario.at(range_m=range_m, leds=leds, marker=marker)
+    return scenario.at(leds=leds)
 
 
-@cache
-def pattern_fill(range_m: float) -> tuple[float, float]:
-    """Share of the light of a bright bit's and of a dark cell's pixels that comes from tape, for the 5 mm bit."""
-    scenario = thesis_scenario(16.0, range_m)
+def run(scenario: Scenario, plan: Plan = FULL, progress: Progress | None = None) -> ErrataResult:
+    """Compute the three models over range, and every step between them. Nothing is random."""
+    steps = (*CORRECTIONS, *extension_steps(scenario))
+    models = _models(scenario, plan)
+    dataset = xr.merge([models, _steps(models, steps, plan)], combine_attrs="drop", join="outer")
+    attributes = {"Conventions": "CF-1.11", "title": "The thesis's link budget as printed, corrected, and in full"}
+    return ErrataResult(scenario, plan, dataset.assign_attrs(**attributes, **chain.provenance(scenario)), steps)
+
+
+def extension_steps(scenario: Scenario) -> tuple[Correction, ...]:
+    """The steps from the corrected model to the full one's physics."""
+
+    @cache
+    def pattern_fill(range_m: float) -> tuple[float, float]:
+        return _pattern_fill(scenario.at(range_m=range_m))
+
+    def fill(which: int) -> Callable[[FloatArray], FloatArray]:
+        return lambda r: np.vectorize(lambda range_m: pattern_fill(float(range_m))[which], otypes=[float])(r)
+
+    target = scenario.target
+    return extensions(
+        Surroundings(
+            ring=scenario.leds,
+            camera=scenario.camera,
+            tape=library.load(target.tape_material).brdf,
+            absorber=library.load(target.absorber_material).brdf,
+            sun_phase_rad=float(np.radians(scenario.sun.phase_deg)),
+            bright_fill=fill(0),
+            dark_fill=fill(1),
+        )
+    )
+
+
+def _pattern_fill(scenario: Scenario) -> tuple[float, float]:
+    """Share of the light of a bright bit's and of a dark cell's pixels that comes from tape."""
     view, marker = chain.view(scenario), scenario.marker
     tape, parts = visible_tape(view)
 
@@ -70,67 +119,49 @@ def pattern_fill(range_m: float) -> tuple[float, float]:
     return share(marker.white_bit_centres_m()), share(marker.black_bit_centres_m())
 
 
-def completing_steps(cone_deg: float) -> tuple[Repair, ...]:
-    """The steps from the repaired model to the full one's physics."""
-    scenario = thesis_scenario(cone_deg)
-
-    def fill(which: int) -> Callable[[FloatArray], FloatArray]:
-        return lambda r: np.vectorize(lambda range_m: pattern_fill(float(range_m))[which], otypes=[float])(r)
-
-    target = scenario.target
-    surroundings = Surroundings(
-        scenario.leds,
-        scenario.camera,
-        library.load(target.tape_material).brdf,
-        library.load(target.absorber_material).brdf,
-        float(np.radians(scenario.sun.phase_deg)),
-        fill(0),
-        fill(1),
-    )
-    return completions(surroundings)
+def link_model(model: str, beam_deg: float) -> LinkModel:
+    """The printed or the corrected model with a beam of this full angle."""
+    printed = printed_model(PrintedModel(light_cone_deg=beam_deg))
+    return printed if model == "printed" else corrected(printed, CORRECTIONS)
 
 
-@cache
-def _full_rates(cone_deg: float) -> FloatArray:
-    """Signal and background of the full model [e-/s], (2, light, range)."""
-    rates = {}
+def _full_rates(scenario: Scenario, beam_deg: float, ranges_m: tuple[float, ...]) -> FloatArray:
+    """Signal and background of the full model [e-/s], (2, illumination, range)."""
+    beam, rates = _with_beam(scenario, beam_deg), {}
     for illumination in ("eclipse", "sunlit"):
-        budgets = [chain.link_budget(thesis_scenario(cone_deg, r), illumination) for r in RANGES_M]
+        budgets = [chain.link_budget(beam.at(range_m=r), illumination) for r in ranges_m]
         rates[illumination] = np.array([[b.signal_rate, b.background_rate] for b in budgets]).T
     # Light adds up, so the Sun's share is what remains without the LEDs'.
     return np.stack([rates["eclipse"], rates["sunlit"], rates["sunlit"] - rates["eclipse"]], axis=1)
 
 
-def _rates(model: str, cone_deg: float) -> FloatArray:
-    """Signal and background of a model [e-/s], (2, light, range)."""
-    if model == "full":
-        return _full_rates(cone_deg)
-    link_model = printed_model(PrintedModel(light_cone_deg=cone_deg))
-    if model == "repaired":
-        link_model = repaired(link_model, REPAIRS)
-    ranges = np.array(RANGES_M)
-    signal = [link_model.signal_e(ranges, 1.0, sources) for sources in LIGHTS.values()]
-    return np.stack([np.stack(signal), np.zeros((len(LIGHTS), len(ranges)))])
+def _thesis_rates(model: str, beam_deg: float, ranges_m: tuple[float, ...]) -> FloatArray:
+    """The same of the printed or the corrected model, which have no background."""
+    chosen, ranges = link_model(model, beam_deg), np.array(ranges_m)
+    signal = np.stack([chosen.signal_e(ranges, 1.0, sources) for sources in SOURCES.values()])
+    return np.stack([signal, np.zeros_like(signal)])
 
 
-def models_dataset() -> xr.Dataset:
+def _models(scenario: Scenario, plan: Plan) -> xr.Dataset:
     """Charges, SNR, CNR and well filling of the three models over range, illumination and exposure."""
-    scenario = thesis_scenario(16.0)
-    auto, sensor, ranges = scenario.auto_exposure, scenario.sensor, np.array(RANGES_M)
+    auto, sensor, ranges = scenario.auto_exposure, scenario.sensor, np.array(plan.ranges_m)
     well, noise = chain.usable_well_electrons(sensor), sensor.total_noise_electrons
-    shape = (len(MODELS), len(LIGHTS), len(EXPOSURES), len(RANGES_M))
+    shape = (len(MODELS), len(SOURCES), len(plan.exposures), len(ranges))
     signal, background, seconds = np.empty(shape), np.empty(shape), np.empty(shape)
+    beams = {beam for beam, _ in plan.exposures.values()}
+    rates = {(model, beam): _thesis_rates(model, beam, plan.ranges_m) for model in MODELS[:2] for beam in beams}
+    rates |= {("full", beam): _full_rates(scenario, beam, plan.ranges_m) for beam in beams}
     for m, model in enumerate(MODELS):
-        for e, (cone_deg, exposure) in enumerate(EXPOSURES.values()):
-            rates = _rates(model, cone_deg)
+        for e, (beam, exposure) in enumerate(plan.exposures.values()):
+            bright, dark = rates[model, beam]
             if isinstance(exposure, str):
-                time = np.clip(auto.full_well_fraction * well / rates[0], auto.shortest_s, auto.longest_s)
+                time = np.clip(auto.full_well_fraction * well / bright, auto.shortest_s, auto.longest_s)
             else:
-                time = np.full(rates[0].shape, exposure)
-            signal[m, :, e], background[m, :, e], seconds[m, :, e] = rates[0] * time, rates[1] * time, time
+                time = np.full(bright.shape, exposure)
+            signal[m, :, e], background[m, :, e], seconds[m, :, e] = bright * time, dark * time, time
     snr, cnr = link.snr(signal, 0.0, noise), link.cnr(signal, background, 0.0, noise)
     snr[0], cnr[:2] = signal[0] / PrintedModel().noise_e(signal[0]), np.nan
-    speed = scenario.target.tumble_speed_m_s
+    smear = link.smear_px(scenario.camera, ranges, scenario.target.tumble_speed_m_s, seconds)
     variables = {
         "exposure_s": (seconds, "s", "exposure"),
         "signal": (signal, "electron", "mean charge of a bright bit's pixels, were there no full well"),
@@ -138,32 +169,32 @@ def models_dataset() -> xr.Dataset:
         "snr": (snr, "1", "signal-to-noise ratio, noise as the model defines it"),
         "cnr": (cnr, "1", "contrast-to-noise ratio; only the full model has a background"),
         "full_well_fraction": (signal / well, "1", "bright bit over full well"),
-        "smear_px": (link.smear_px(scenario.camera, ranges, speed, seconds), "pixel", "motion during the exposure"),
+        "smear_px": (smear, "pixel", "motion during the exposure"),
     }
     dims = ("model", "illumination", "exposure", "range_m")
     bit_px = min(chain.bit_scale_px(chain.view(scenario))) * scenario.marker.bit_m * scenario.range_m / ranges
+    beam_about = {"units": "degree", "long_name": "beam"}
     return xr.Dataset(
         {name: (dims, values, {"units": unit, "long_name": text}) for name, (values, unit, text) in variables.items()},
         coords={
             "model": list(MODELS),
-            "illumination": list(LIGHTS),
-            "exposure": list(EXPOSURES),
-            "beam_deg": ("exposure", [c for c, _ in EXPOSURES.values()], {"units": "degree", "long_name": "beam"}),
+            "illumination": list(SOURCES),
+            "exposure": list(plan.exposures),
+            "beam_deg": ("exposure", [beam for beam, _ in plan.exposures.values()], beam_about),
             "range_m": ("range_m", ranges, {"units": "m", "long_name": "range"}),
             "px_per_bit": ("range_m", bit_px, {"units": "pixel", "long_name": "pixels along a 5 mm bit"}),
         },
     )
 
 
-def waterfall_dataset(models: xr.Dataset) -> xr.Dataset:
+def _steps(models: xr.Dataset, steps: tuple[Correction, ...], plan: Plan) -> xr.Dataset:
     """Signal and SNR after each step from the printed to the full model, over illumination and range."""
-    ranges, cone_deg = np.array(RANGES_M), EXPOSURES["1/30 s"][0]
-    steps, start = (*REPAIRS, *completing_steps(cone_deg)), printed_model(PrintedModel(light_cone_deg=cone_deg))
-    signal, snr = (np.empty((len(steps) + 2, len(LIGHTS), len(ranges))) for _ in range(2))
-    for n, (illumination, sources) in enumerate(LIGHTS.items()):
-        case = models.sel(illumination=illumination, exposure=WATERFALL_EXPOSURE[illumination])
-        seconds = float(EXPOSURES[WATERFALL_EXPOSURE[illumination]][1])
-        made = waterfall(start, steps, ranges, seconds, sources)
+    ranges, start = np.array(plan.ranges_m), link_model("printed", BEAM_DEG)
+    signal, snr = (np.empty((len(steps) + 2, len(SOURCES), len(ranges))) for _ in range(2))
+    for n, (illumination, sources) in enumerate(SOURCES.items()):
+        label = plan.step_exposure[illumination]
+        case = models.sel(illumination=illumination, exposure=label)
+        made = waterfall(start, steps, ranges, float(plan.exposures[label][1]), sources)
         full, printed = case.sel(model="full"), case.sel(model="printed")
         signal[:, n] = [printed.signal.values, *(step.signal_e for step in made), full.signal.values]
         snr[:, n] = [printed.snr.values, *(step.snr for step in made), full.cnr.values]
@@ -181,63 +212,19 @@ def waterfall_dataset(models: xr.Dataset) -> xr.Dataset:
     )
 
 
-def compute() -> xr.Dataset:
-    """All of the study as one labelled dataset."""
-    models = models_dataset()
-    attributes = {"Conventions": "CF-1.11", "title": "The thesis's link budget as printed, repaired, and in full"}
-    dataset = xr.merge([models, waterfall_dataset(models)], combine_attrs="drop", join="outer")
-    return dataset.assign_attrs(**attributes, **chain.provenance(thesis_scenario(16.0)))
-
-
-def run(out_dir: Path | None = None) -> xr.Dataset:
-    """The three models, and where a folder is given its files: thesis-errata.md, figures/errata_*.svg, data/errata.nc and .csv.
-
-    The folder is laid out as docs/, so that ``mantis errata -o docs`` makes the committed page again. Nothing is random.
-    """
-    dataset = compute()
-    if out_dir is not None:
-        from experiments.reporting.figures import save_svg
-        from experiments.reporting.files import write_netcdf, write_text
-        from experiments.thesis.errata import figures as errata_figures
-        from experiments.thesis.errata import page as errata_page
-
-        for folder in ("figures", "data"):
-            (out_dir / folder).mkdir(parents=True, exist_ok=True)
-        for name, figure in errata_figures.figures(dataset).items():
-            save_svg(figure, out_dir / "figures" / f"errata_{name}.svg")
-        write_netcdf(dataset, out_dir / "data" / "errata.nc")
-        write_text(steps_csv(dataset), out_dir / "data" / "errata.csv")
-        write_text(errata_page.page(dataset), out_dir / "thesis-errata.md")
-    return dataset
-
-
-def steps_csv(dataset: xr.Dataset, ranges_m: tuple[float, ...] = (1.0, 8.0, 20.0)) -> str:
-    """The waterfall as CSV, one step, illumination and range a line, at some ranges."""
-    lines = ["step,light,range_m,signal_e,snr,signal_factor,snr_factor"]
-    for illumination in dataset.illumination.values:
-        for range_m in ranges_m:
-            for step in dataset.step.values:
-                at = dataset.sel(step=step, illumination=illumination, range_m=range_m)
-                values = (at.step_signal, at.step_snr, at.signal_factor, at.snr_factor)
-                lines.append(
-                    ",".join([f'"{step}"', str(illumination), f"{range_m:g}", *(f"{float(v):.6g}" for v in values)])
-                )
-    return "\n".join(lines) + "\n"
-
-
-def full_pixel_snr() -> float:
+def full_pixel_snr(scenario: Scenario) -> float:
     """The best SNR that one exposure can have: that of a full well."""
-    sensor = thesis_scenario(EXPOSURES["1/30 s"][0]).sensor
+    sensor = scenario.sensor
     return float(link.snr(chain.usable_well_electrons(sensor), 0.0, sensor.total_noise_electrons))
 
 
-def limit_margins(dataset: xr.Dataset) -> dict[str, FloatArray]:
+def limit_margins(result: ErrataResult) -> dict[str, FloatArray]:
     """Factor by which the full model in eclipse meets each closure criterion over range; below 1 it fails."""
-    limits = thesis_scenario(EXPOSURES["1/30 s"][0]).requirement
-    full = dataset.sel(model="full", illumination="eclipse")
+    limits = result.scenario.requirement
+    full = result.dataset.sel(model="full", illumination="eclipse")
     filling = {e: full.sel(exposure=e).full_well_fraction.values for e in ("1/30 s", "1 ms", "auto")}
     return {
-        "sampling, 2 px/bit": dataset.px_per_bit.values / limits.px_per_bit_min,
+        "sampling, 2 px/bit": full.px_per_bit.values / limits.px_per_bit_min,
         "CNR 10, automatic exposure": full.sel(exposure="auto").cnr.values / limits.cnr_min,
         "0.7 full well, automatic": limits.full_well_fraction_max / filling["auto"],
         "0.7 full well, 1 ms": limits.full_well_fraction_max / filling["1 ms"],

@@ -29,6 +29,7 @@ class Limits:
         thesis: 18° off either side.
         lateral: of the floor, by `LATERAL_SHARE`.
         half_base_m: of the blob.
+        margin_share: how far the blob's middle must stay from an end to be found, over the element's length.
     """
 
     sides: fov.Sides
@@ -37,16 +38,17 @@ class Limits:
     thesis: fov.Sides
     lateral: float
     half_base_m: float
+    margin_share: float
 
     @property
     def printed_marker(self) -> float:
         """Equation 5.19 with the thesis's margin [rad]."""
-        return fov.equation_5_19(self.thesis)
+        return fov.combined_field(self.thesis)
 
     @property
     def marker(self) -> float:
         """Equation 5.19 with one margin in length [rad]."""
-        return fov.equation_5_19(self.found)
+        return fov.combined_field(self.found)
 
 
 def limits(marker: MarkerDesign) -> Limits:
@@ -55,16 +57,18 @@ def limits(marker: MarkerDesign) -> Limits:
     near = (0.5 - marker.virtual_offset_fraction) * length
     slit = length / marker.slit_count * (1 - marker.slat_fraction)
     half = fov.blob_half_base(slit, marker.element_depth_m, depth)
+    margin = fov.margin_of_cut(half, MAX_CUT_FRACTION)
     sides = fov.element_sides(length, near, depth)
     return Limits(
         sides=sides,
         whole=fov.element_sides(length, near, depth, half),
-        found=fov.element_sides(length, near, depth, fov.margin_of_cut(half, MAX_CUT_FRACTION)),
-        thesis=fov.equation_5_18(sides, THESIS_MARGIN_RAD),
+        found=fov.element_sides(length, near, depth, margin),
+        thesis=fov.with_margin(sides, THESIS_MARGIN_RAD),
         lateral=fov.lateral_limit(
             marker.element_width_fraction * marker.aruco_m, marker.element_depth_m, LATERAL_SHARE
         ),
         half_base_m=half,
+        margin_share=margin / length,
     )
 
 
@@ -85,7 +89,7 @@ def seen(found: Limits, name: str, pitch_rad: FloatArray, yaw_rad: FloatArray) -
     return fov.in_field(*element_slopes(name, pitch_rad, yaw_rad), found.found, found.lateral)
 
 
-def ellipse_5_20(
+def in_ellipse(
     found: Limits, name: str, pitch_rad: FloatArray, yaw_rad: FloatArray, printed: bool
 ) -> NDArray[np.bool_]:
     """Where equation 5.20 sees an element's blob, with the thesis's limits.

@@ -6,19 +6,21 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from matplotlib.figure import Figure
 
 from detector.elements.slits import Slits
 from experiments.reporting.figures import BLACK, BLUE, GREEN, ORANGE, VERMILION, new_figure
 from experiments.thesis.fov import closed_form
 from radiometry import field_of_view as fov
 from radiometry.geometry import attitude_matrix
-from scenes.marker import MarkerDesign
+from scenes.marker import ELEMENT_NAMES, MarkerDesign
 
 CAPTIONS = {
-    "marker": "What the detector finds over pitch and yaw: blobs, share of frames with a virtual point, attitude error. Lines: "
-    "where equations 5.18 to 5.20 see a virtual point as printed, and with half the lateral field, and the closed form here",
-    "element": "The top element alone: light of its blob over that on the axis, and share of noisy frames that have the blob",
-    "cut": "One element along and across: light of the blob, error of a plain centroid, and where the detector finds it",
+    "marker": "What the detector finds over pitch and yaw: blobs, share of frames with a virtual point, attitude error. The "
+    "lines show where a virtual point is seen by equations 5.18 to 5.20 as printed, by the same with half the lateral field, "
+    "and by the closed form here.",
+    "element": "The top element alone: light of its blob over that on the axis, and share of noisy frames that have the blob.",
+    "cut": "One element along and across: light of the blob, error of a plain centroid, and where the detector finds it.",
 }
 _FINE_DEG = np.linspace(-79, 79, 159)
 
@@ -32,12 +34,10 @@ def virtual_point(found: closed_form.Limits, model: str) -> np.ndarray:
     """Where a virtual point exists on the fine grid: one element of each direction; 'here', 'printed' or 'half'."""
     pitch, yaw = _fine()
     if model == "here":
-        masks = {name: closed_form.seen(found, name, pitch, yaw) for name in ("top", "right", "bottom", "left")}
+        masks = {name: closed_form.seen(found, name, pitch, yaw) for name in ELEMENT_NAMES}
     else:
-        masks = {
-            name: closed_form.ellipse_5_20(found, name, pitch, yaw, model == "printed")
-            for name in ("top", "right", "bottom", "left")
-        }
+        printed = model == "printed"
+        masks = {name: closed_form.in_ellipse(found, name, pitch, yaw, printed) for name in ELEMENT_NAMES}
     return (masks["top"] | masks["bottom"]) & (masks["right"] | masks["left"])
 
 
@@ -51,13 +51,20 @@ def _contours(axis: Any, lines: dict[str, tuple[np.ndarray, str, str]]) -> list[
     return handles
 
 
-def _map(figure: Any, axis: Any, values: xr.DataArray, label: str, low: float, high: float, colours: str) -> None:
+def _map(
+    figure: Figure, axis: Any, values: xr.DataArray, label: str, span: tuple[float, float], colours: str = "Greys_r"
+) -> None:
     step = float(values.yaw_deg[1] - values.yaw_deg[0]) / 2
     reach = [float(v) for v in (values.yaw_deg[0] - step, values.yaw_deg[-1] + step)]
     image = axis.imshow(
-        values.transpose("pitch_deg", "yaw_deg"), vmin=low, vmax=high, cmap=colours, origin="lower",
-        interpolation="nearest", extent=(*reach, *reach),
-    )  # fmt: skip
+        values.transpose("pitch_deg", "yaw_deg"),
+        vmin=span[0],
+        vmax=span[1],
+        cmap=colours,
+        origin="lower",
+        interpolation="nearest",
+        extent=(*reach, *reach),
+    )
     figure.colorbar(image, ax=axis, label=label, shrink=0.85)
     axis.set(xlabel="yaw [deg]", ylabel="pitch [deg]", aspect="equal", xlim=(-78, 78), ylim=(-78, 78))
     axis.grid(visible=False)
@@ -71,7 +78,7 @@ def _requirement(axis: Any) -> list[Any]:
     return list(axis.plot([], [], color=BLACK, ls=":", label="45° off the normal"))
 
 
-def marker_maps(data: xr.Dataset, marker: MarkerDesign) -> Any:
+def marker_maps(data: xr.Dataset, marker: MarkerDesign) -> Figure:
     """Virtual point shown and found, and attitude error, over pitch × yaw; one row a range."""
     found = closed_form.limits(marker)
     lines = {
@@ -84,10 +91,10 @@ def marker_maps(data: xr.Dataset, marker: MarkerDesign) -> Any:
     handles: list[Any] = []
     for row, range_m in zip(axes, data.range_m.values, strict=True):
         at = data.sel(range_m=range_m)
-        _map(figure, row[0], at.blob.sum("element"), f"blobs found, {range_m:g} m", 0, 4, "Greys_r")
-        _map(figure, row[1], at.virtual, f"frames with a virtual point, {range_m:g} m", 0, 1, "Greys_r")
+        _map(figure, row[0], at.blob.sum("element"), f"blobs found, {range_m:g} m", (0, 4))
+        _map(figure, row[1], at.virtual, f"frames with a virtual point, {range_m:g} m", (0, 1))
         error = np.log10(at.attitude_deg.where(at.attitude_deg > 0))
-        _map(figure, row[2], error, f"log10 attitude error [deg], {range_m:g} m", -2, 1, "viridis")
+        _map(figure, row[2], error, f"log10 attitude error [deg], {range_m:g} m", (-2, 1), "viridis")
         for axis in row:
             handles = _contours(axis, lines) + _requirement(axis)
     figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=8)
@@ -99,13 +106,13 @@ def on_axis(data: xr.Dataset) -> float:
     return float(data.light.sel(pitch_deg=0.0, yaw_deg=0.0, method="nearest").max())
 
 
-def element_map(data: xr.Dataset, marker: MarkerDesign) -> Any:
+def element_map(data: xr.Dataset, marker: MarkerDesign) -> Figure:
     """Light of the top element and share of frames in which its blob is found, at the first range."""
     found = closed_form.limits(marker)
     pitch, yaw = _fine()
     lines = {
-        "eq. 5.20 as printed": (closed_form.ellipse_5_20(found, "top", pitch, yaw, True), VERMILION, "--"),
-        "half the lateral field": (closed_form.ellipse_5_20(found, "top", pitch, yaw, False), ORANGE, "-."),
+        "eq. 5.20 as printed": (closed_form.in_ellipse(found, "top", pitch, yaw, True), VERMILION, "--"),
+        "half the lateral field": (closed_form.in_ellipse(found, "top", pitch, yaw, False), ORANGE, "-."),
         "rectangle in slopes": (closed_form.seen(found, "top", pitch, yaw), BLUE, "-"),
     }
     figure, axes = new_figure(1, 2, (9.0, 4.3))
@@ -113,8 +120,8 @@ def element_map(data: xr.Dataset, marker: MarkerDesign) -> Any:
     at = data.sel(element="top", range_m=range_m)
     # Beyond, the opening is but pixels wide in the image, and what falls into it is its neighbours' light.
     light = (at.light / on_axis(data)).where(abs(at.pitch_deg) < 70)
-    _map(figure, axes[0, 0], light, f"light over that on the axis, {range_m:g} m", 0, 1, "Greys_r")
-    _map(figure, axes[0, 1], at.blob, f"frames with the top blob, {range_m:g} m", 0, 1, "Greys_r")
+    _map(figure, axes[0, 0], light, f"light over that on the axis, {range_m:g} m", (0, 1))
+    _map(figure, axes[0, 1], at.blob, f"frames with the top blob, {range_m:g} m", (0, 1))
     for axis in axes[0]:
         handles = _contours(axis, lines)
     figure.legend(handles=handles, loc="outside lower center", ncols=3, fontsize=8)
@@ -140,7 +147,7 @@ def expected_light(
     return along, across
 
 
-def cut(data: xr.Dataset, marker: MarkerDesign, range_m: float, light_ring_m: float) -> Any:
+def cut(data: xr.Dataset, marker: MarkerDesign, range_m: float, light_ring_m: float) -> Figure:
     """Light of top and right element over yaw beside the slit model; centroid error; where the blob is found."""
     found = closed_form.limits(marker)
     yaw = data.yaw_deg.values
@@ -153,23 +160,18 @@ def cut(data: xr.Dataset, marker: MarkerDesign, range_m: float, light_ring_m: fl
         upper, lower = axes[0, column], axes[1, column]
         upper.plot(yaw, 100 * at.light, ".", color=BLACK, ms=3, label="rendered")
         upper.plot(yaw, 100 * model, color=BLUE, label="slit model")
-        upper.fill_between(
-            yaw, 0, 1, where=at.found > 0.5, transform=upper.get_xaxis_transform(), color=GREEN, alpha=0.15, lw=0,
-            label="blob found",
-        )  # fmt: skip
+        style = {"color": GREEN, "alpha": 0.15, "lw": 0, "transform": upper.get_xaxis_transform()}
+        upper.fill_between(yaw, 0, 1, where=at.found > 0.5, label="blob found", **style)
         lower.plot(yaw, 1e3 * at.centroid_m, ".", color=BLACK, ms=3)
         if name == "top":
-            for printed, here in zip(
-                (-found.thesis.near, found.thesis.far), (-found.found.near, found.found.far), strict=True
-            ):
-                for axis in (upper, lower):
-                    axis.axvline(np.degrees(printed), color=VERMILION, ls="--", lw=1)
-                    axis.axvline(np.degrees(here), color=BLUE, ls="-", lw=1)
+            limits = [(-found.thesis.near, -found.found.near), (found.thesis.far, found.found.far)]
         else:
-            for sign in (-1, 1):
-                for axis in (upper, lower):
-                    axis.axvline(sign * 50, color=VERMILION, ls="--", lw=1)
-                    axis.axvline(sign * np.degrees(found.lateral), color=BLUE, ls="-", lw=1)
+            half = closed_form.THESIS_LATERAL_RAD / 2
+            limits = [(-half, -found.lateral), (half, found.lateral)]
+        for printed, here in limits:
+            for axis in (upper, lower):
+                axis.axvline(np.degrees(printed), color=VERMILION, ls="--", lw=1)
+                axis.axvline(np.degrees(here), color=BLUE, ls="-", lw=1)
         upper.set(title=title, ylabel="light over a floor of tape [%]", ylim=(0, None))
         lower.set(xlabel="yaw [deg]", ylabel="error of a plain centroid [mm]", ylim=(-3, 3))
     handles, _ = axes[0, 0].get_legend_handles_labels()

@@ -11,33 +11,67 @@ import xarray as xr
 
 from experiments import chain
 from experiments.chain.progress import Progress
+from experiments.chain.statistics import root_mean_square
 from experiments.scenario import Scenario
+from experiments.thesis.fov.plan import Plan
 from radiometry.geometry import FloatArray
 from scenes.marker import ELEMENT_NAMES, Element
-from scenes.render.transport import View
+from scenes.render.transport import TransportBasis
+from scenes.view import View
 
 
 @dataclass(frozen=True)
-class Plan:
-    """What is rendered: ranges, the grid of tilts, noise draws of each, step of the cut, and rays on the marker."""
+class FovResult:
+    """What the study finds.
 
-    ranges_m: tuple[float, ...]
-    grid_deg: tuple[float, ...]
-    draws: int
-    cut_deg: tuple[float, ...]
-    rays: int
+    Attributes:
+        scenario: camera, LEDs and marker of the system.
+        data: groups 'map' and 'cut'; see `map_of` and `cut_of`.
+    """
+
+    scenario: Scenario
+    data: xr.DataTree
+
+    @property
+    def map(self) -> xr.Dataset:
+        """What is found over pitch and yaw."""
+        return self.data["map"].to_dataset()
+
+    @property
+    def cut(self) -> xr.Dataset:
+        """One cut over yaw."""
+        return self.data["cut"].to_dataset()
 
 
-FULL = Plan((2.0, 5.0), tuple(np.arange(-75.0, 76.0, 5.0)), 4, tuple(np.arange(-70.0, 71.0, 1.0)), 1_000_000)
-QUICK = Plan((2.0,), (-40.0, 0.0, 40.0), 1, (-50.0, -30.0, 0.0, 30.0, 50.0), 200_000)
+def run(scenario: Scenario, plan: Plan, progress: Progress | None = None) -> FovResult:
+    """Render the map and the cut, and detect in their frames."""
+    tree = xr.DataTree.from_dict({"map": map_of(scenario, plan, progress), "cut": cut_of(scenario, plan, progress)})
+    tree.attrs |= chain.provenance(scenario)
+    return FovResult(scenario, tree)
 
 
 _LIGHT = {"units": "1", "long_name": "light of an element over that of a whole floor of tape"}
 _CENTROID = {"units": "m", "long_name": "error of a plain centroid along the element"}
+#: Variables of the map with their attributes.
+_MAPPED: dict[str, dict[str, str]] = {
+    "corners": {"units": "1"},
+    "virtual": {"units": "1"},
+    "pose": {"units": "1"},
+    "blob": {"units": "1"},
+    "blob_px": {"units": "pixel", "long_name": "rms error of a blob along its element"},
+    "light": _LIGHT,
+    "centroid_m": _CENTROID,
+    "attitude_deg": {"units": "deg", "long_name": "median geodesic attitude error"},
+}
+#: A neighbourhood of the opening from which its blurred light is taken: point spread and pixel [px].
+_SPILL_PX = 1.5
 
 
 def framed(scenario: Scenario, range_m: float, pitch_deg: float, yaw_deg: float, rays: int) -> Scenario:
-    """The scenario at a tilt, seen by the middle of its detector: as many pixels as the marker needs."""
+    """The scenario at a tilt, seen by the middle of its detector: as many pixels as the marker needs.
+
+    The axis, about which a lens distorts, stays in the middle of the cropped detector.
+    """
     camera = scenario.camera
     size = max(32, 2 * int(np.ceil((0.65 * scenario.marker.size_m / range_m) * max(camera.focal_px))) + 16)
     width, height = min(size, camera.width_px), min(size, camera.height_px)
@@ -73,56 +107,24 @@ def map_of(scenario: Scenario, plan: Plan, progress: Progress | None = None) -> 
     """
     grid = np.array(plan.grid_deg)
     shape = (len(plan.ranges_m), len(grid), len(grid))
-    share = {name: np.zeros(shape) for name in ("corners", "virtual", "pose")}
-    blob, error = np.zeros((*shape, 4)), np.full((*shape, 4), np.nan)
-    light, centroid = np.zeros((*shape, 4)), np.full((*shape, 4), np.nan)
-    attitude = np.full(shape, np.nan)
-    total = int(np.prod(shape))
     cases = [
         framed(scenario, plan.ranges_m[i], float(grid[j]), float(grid[k]), plan.rays) for i, j, k in np.ndindex(shape)
     ]
-    for count, ((i, j, k), here, basis) in enumerate(
-        zip(np.ndindex(shape), cases, chain.transports(cases), strict=True)
-    ):
-        rate = chain.electron_rate(here, basis, "eclipse")
-        budget = chain.link_budget(here, "eclipse")
-        seconds = chain.solve_exposure(here, budget, "auto")
-        view = chain.view(here)
-        for n, element in enumerate(here.marker.elements):
-            light[i, j, k, n], centroid[i, j, k, n] = _light_and_centroid(rate, view, element, budget.tape_rate)
-        truth = {e.name: blob_truth_px(view, e) for e in here.marker.elements}
-        axis = {e.name: _axis_px(view, e) for e in here.marker.elements}
-        off: list[list[float]] = [[] for _ in ELEMENT_NAMES]
-        turned = []
-        for trial in range(plan.draws):
-            detection = chain.detect(here, chain.expose(here, rate, "eclipse", seconds, trial).dn)
-            found = detection.features
-            share["corners"][i, j, k] += found.detected
-            share["virtual"][i, j, k] += bool(found.virtual_points_px)
-            share["pose"][i, j, k] += detection.pose is not None
-            for n, name in enumerate(ELEMENT_NAMES):
-                position = found.blobs_px.get(name)
-                if position is not None:
-                    blob[i, j, k, n] += 1
-                    off[n].append(float((position - truth[name]) @ axis[name] / np.linalg.norm(axis[name])))
-            if detection.pose is not None:
-                turned.append(np.degrees(chain.pose_errors(here, detection.pose)[0]))
-        for n in range(4):
-            error[i, j, k, n] = np.sqrt(np.mean(np.square(off[n]))) if off[n] else np.nan
-        attitude[i, j, k] = np.median(turned) if turned else np.nan
+    tilts = []
+    for here, basis in zip(cases, chain.transports(cases), strict=True):
+        tilts.append(_tilt(here, basis, plan.draws))
         if progress is not None:
-            progress(count + 1, total, "tilts")
+            progress(len(tilts), len(cases), "tilts")
     dims = ("range_m", "pitch_deg", "yaw_deg")
-    data: dict[str, Any] = {name: (dims, value / plan.draws, {"units": "1"}) for name, value in share.items()}
-    data["blob"] = ((*dims, "element"), blob / plan.draws, {"units": "1"})
-    data["blob_px"] = (
-        (*dims, "element"),
-        error,
-        {"units": "pixel", "long_name": "rms error of a blob along its element"},
-    )
-    data["light"] = ((*dims, "element"), light, _LIGHT)
-    data["centroid_m"] = ((*dims, "element"), centroid, _CENTROID)
-    data["attitude_deg"] = (dims, attitude, {"units": "deg", "long_name": "median geodesic attitude error"})
+    data: dict[str, Any] = {}
+    for name, attributes in _MAPPED.items():
+        values = np.array([tilt[name] for tilt in tilts])
+        by_element = values.ndim > 1
+        data[name] = (
+            (*dims, "element") if by_element else dims,
+            values.reshape((*shape, 4) if by_element else shape),
+            attributes,
+        )
     coordinates = {
         "range_m": ("range_m", list(plan.ranges_m), {"units": "m"}),
         "pitch_deg": ("pitch_deg", grid, {"units": "deg"}),
@@ -130,6 +132,45 @@ def map_of(scenario: Scenario, plan: Plan, progress: Progress | None = None) -> 
         "element": list(ELEMENT_NAMES),
     }
     return xr.Dataset(data, coordinates, {"draws": plan.draws})
+
+
+def _tilt(here: Scenario, basis: TransportBasis, draws: int) -> dict[str, Any]:
+    """Values of `_MAPPED` at one tilt."""
+    rate, seconds, tape_rate = _exposed(here, basis)
+    view = chain.view(here)
+    truth = {e.name: blob_truth_px(view, e) for e in here.marker.elements}
+    axis = {e.name: _axis_px(view, e) for e in here.marker.elements}
+    off: list[list[float]] = [[] for _ in ELEMENT_NAMES]
+    attitudes_deg = []
+    counts = dict.fromkeys(("corners", "virtual", "pose"), 0)
+    for trial in range(draws):
+        detection = chain.detect(here, chain.expose(here, rate, "eclipse", seconds, trial).dn)
+        found = detection.features
+        counts["corners"] += found.detected
+        counts["virtual"] += bool(found.virtual_points_px)
+        counts["pose"] += detection.pose is not None
+        for n, name in enumerate(ELEMENT_NAMES):
+            position = found.blobs_px.get(name)
+            if position is not None:
+                off[n].append(float((position - truth[name]) @ axis[name] / np.linalg.norm(axis[name])))
+        if detection.pose is not None:
+            attitudes_deg.append(np.degrees(chain.pose_errors(here, detection.pose)[0]))
+    elements = [_light_and_centroid(rate, view, element, tape_rate) for element in here.marker.elements]
+    return {
+        **{name: count / draws for name, count in counts.items()},
+        "blob": [len(errors) / draws for errors in off],
+        "blob_px": [root_mean_square(errors) for errors in off],
+        "light": [light for light, _ in elements],
+        "centroid_m": [centroid for _, centroid in elements],
+        "attitude_deg": np.median(attitudes_deg) if attitudes_deg else np.nan,
+    }
+
+
+def _exposed(here: Scenario, basis: TransportBasis) -> tuple[FloatArray, float, float]:
+    """Mean electron rate (height, width) [1/s], automatic exposure [s], and rate of a pixel full of lit tape [1/s]."""
+    budget = chain.link_budget(here, "eclipse")
+    rate = chain.electron_rate(here, basis, "eclipse")
+    return rate, chain.solve_exposure(here, budget, "auto"), budget.tape_rate
 
 
 def cut_of(scenario: Scenario, plan: Plan, progress: Progress | None = None) -> xr.Dataset:
@@ -143,32 +184,23 @@ def cut_of(scenario: Scenario, plan: Plan, progress: Progress | None = None) -> 
     light, centroid, seen = np.zeros((len(yaw), 4)), np.full((len(yaw), 4), np.nan), np.zeros((len(yaw), 4))
     cases = [framed(scenario, plan.ranges_m[0], 0.0, float(angle), 2 * plan.rays) for angle in yaw]
     for k, (here, basis) in enumerate(zip(cases, chain.transports(cases), strict=True)):
-        rate = chain.electron_rate(here, basis, "eclipse")
-        budget = chain.link_budget(here, "eclipse")
-        seconds = chain.solve_exposure(here, budget, "auto")
+        rate, seconds, tape_rate = _exposed(here, basis)
         view = chain.view(here)
         for n, element in enumerate(here.marker.elements):
-            light[k, n], centroid[k, n] = _light_and_centroid(rate, view, element, budget.tape_rate)
+            light[k, n], centroid[k, n] = _light_and_centroid(rate, view, element, tape_rate)
         for trial in range(plan.draws):
             blobs = chain.detect(here, chain.expose(here, rate, "eclipse", seconds, trial).dn).features.blobs_px
             seen[k] += [blobs.get(name) is not None for name in ELEMENT_NAMES]
         if progress is not None:
             progress(k + 1, len(yaw), "cut")
     dims = ("yaw_deg", "element")
+    share = {"units": "1", "long_name": "share of noisy frames in which the blob is found"}
     data = {
         "light": (dims, light, _LIGHT),
         "centroid_m": (dims, centroid, _CENTROID),
-        "found": (
-            dims,
-            seen / plan.draws,
-            {"units": "1", "long_name": "share of noisy frames in which the blob is found"},
-        ),
+        "found": (dims, seen / plan.draws, share),
     }
     return xr.Dataset(data, {"yaw_deg": ("yaw_deg", yaw, {"units": "deg"}), "element": list(ELEMENT_NAMES)})
-
-
-#: A neighbourhood of the opening from which its blurred light is taken: point spread and pixel [px].
-_SPILL_PX = 1.5
 
 
 def _light_and_centroid(rate: FloatArray, view: View, element: Element, tape_rate: float) -> tuple[float, float]:
@@ -191,11 +223,3 @@ def _light_and_centroid(rate: FloatArray, view: View, element: Element, tape_rat
     centre = np.array([column, row]) @ weight[row, column] / weight.sum()
     axis = _axis_px(view, element)
     return share, float((centre - blob_truth_px(view, element)) @ axis / (axis @ axis))
-
-
-def run(scenario: Scenario, quick: bool = False, progress: Progress | None = None) -> xr.DataTree:
-    """Map and cut, groups 'map' and 'cut'."""
-    plan = QUICK if quick else FULL
-    tree = xr.DataTree.from_dict({"map": map_of(scenario, plan, progress), "cut": cut_of(scenario, plan, progress)})
-    tree.attrs |= chain.provenance(scenario)
-    return tree

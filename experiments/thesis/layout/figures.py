@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import xarray as xr
+from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
@@ -14,17 +15,16 @@ from experiments.reporting.figures import BLACK, BLUE, COLOURS, new_figure
 from experiments.thesis.layout.placement import Layout
 
 CAPTIONS = {
-    "placement": "Placements on a face (figure 6.1 of the thesis gives no figures): wide, narrow, and a ladder of rings",
-    "cover": "Markers that can be used over range: colour, share of attitudes within ±45° and any roll with at least "
-    "one; number, "
-    "markers when the face is seen squarely",
-    "views": "Rendered frames of the middle of the run: LEDs alone, automatic exposure, noise included",
-    "pose": "Error of the face's pose over range from rendered frames: the surest marker alone and all markers together; median "
-    "(line) and largest (dots) of all attitudes and noise draws",
+    "placement": "Placements on a face (figure 6.1 of the thesis gives no numbers): wide, narrow, and nested rings.",
+    "cover": "Markers that can be used over range. Colour: share of attitudes, within ±45° and at any roll, with at least one. "
+    "Number: markers when the face is seen squarely.",
+    "views": "Rendered frames of the middle of the run: LEDs alone, automatic exposure, noise included.",
+    "pose": "Error of the face's pose over range from rendered frames, from the surest marker alone and from all markers "
+    "together: median (line) and largest (dots) of all attitudes and noise draws.",
 }
 
 
-def placement(layouts: Sequence[Layout]) -> Any:
+def placement(layouts: Sequence[Layout]) -> Figure:
     """Each layout's markers drawn on its face."""
     figure, axes = new_figure(1, len(layouts), (2.9 * len(layouts), 3.2))
     for axis, lay in zip(axes[0], layouts, strict=True):
@@ -43,7 +43,7 @@ def placement(layouts: Sequence[Layout]) -> Any:
     return figure
 
 
-def cover(counts: xr.Dataset) -> Any:
+def cover(counts: xr.Dataset) -> Figure:
     """Heat map of attitudes with a usable marker, layout × range, one panel a face."""
     faces, ranges, names = counts.face_m.values, counts.range_m.values, counts.layout.values
     figure, axes = new_figure(len(faces), 1, (8.4, 0.6 + 1.75 * len(faces)), sharex=True)
@@ -64,14 +64,14 @@ def cover(counts: xr.Dataset) -> Any:
     return figure
 
 
-def views(frames: Sequence[tuple[str, NDArray[np.uint16]]]) -> Any:
-    """Frames side by side, brightness stretched to each one's own 99.9th percentile."""
+def views(frames: Mapping[str, NDArray[np.uint16]]) -> Figure:
+    """Frames (height, width) [DN] side by side under their titles, brightness stretched to each one's own 99.9th percentile."""
     columns = min(len(frames), 2)
     rows = -(-len(frames) // columns)
     figure, axes = new_figure(rows, columns, (4.0 * columns, 0.2 + 3.3 * rows))
     for axis in axes.flat[len(frames) :]:
         axis.set_visible(False)
-    for axis, (title, image) in zip(axes.flat, frames, strict=False):
+    for axis, (title, image) in zip(axes.flat, frames.items(), strict=False):
         top = float(np.percentile(image, 99.9))
         axis.imshow(
             image, cmap="gray", vmin=float(np.percentile(image, 1)), vmax=max(top, 1.0), interpolation="nearest"
@@ -83,7 +83,7 @@ def views(frames: Sequence[tuple[str, NDArray[np.uint16]]]) -> Any:
     return figure
 
 
-def pose(rendered: xr.Dataset) -> Any:
+def pose(rendered: xr.Dataset) -> Figure:
     """Attitude, range and lateral error over range for each case, one marker and all."""
     quantities = (
         ("attitude_deg", 1.0, "attitude error [deg]"),
@@ -93,19 +93,18 @@ def pose(rendered: xr.Dataset) -> Any:
     figure, axes = new_figure(1, 3, (9.6, 3.5))
     for number, (title, here) in enumerate(cases(rendered)):
         ranges = np.unique(here.range_m.values)
-        for axis, (name, scale, label) in zip(axes[0], quantities, strict=True):
+        for axis, (name, scale, quantity) in zip(axes[0], quantities, strict=True):
             for solver, style in (("one marker", "--"), ("all markers", "-")):
                 values = here[name].sel(solver=solver).values * scale
                 groups = [values[(here.range_m.values == r) & np.isfinite(values)] for r in ranges]
                 kept = [(r, g) for r, g in zip(ranges, groups, strict=True) if len(g)]
                 if not kept:
                     continue
-                axis.plot(
-                    [r for r, _ in kept], [np.median(g) for _, g in kept], color=COLOURS[number], ls=style,
-                    label=f"{title}, {solver}" if axis is axes[0, 0] else None,
-                )  # fmt: skip
-                axis.plot([r for r, _ in kept], [g.max() for _, g in kept], ".", color=COLOURS[number], ms=4)
-            axis.set(xlabel="range [m]", ylabel=label, yscale="log")
+                places = [r for r, _ in kept]
+                label = f"{title}, {solver}" if axis is axes[0, 0] else None
+                axis.plot(places, [np.median(g) for _, g in kept], color=COLOURS[number], ls=style, label=label)
+                axis.plot(places, [g.max() for _, g in kept], ".", color=COLOURS[number], ms=4)
+            axis.set(xlabel="range [m]", ylabel=quantity, yscale="log")
     figure.legend(loc="outside lower center", ncols=3, fontsize=8)
     return figure
 

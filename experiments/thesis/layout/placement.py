@@ -47,7 +47,7 @@ class Layout:
     """Markers on a square face.
 
     Attributes:
-        kind: 'wide' and 'narrow' are the thesis's; 'nested' is a ladder of rings, each twice as large as the one inside it.
+        kind: 'wide' and 'narrow' are the thesis's; 'nested' is rings of markers, each twice as large as those inside it.
         sizing: 'scaled' enlarges the 1 m face's layout; 'fixed' keeps its markers and spreads the outer ones; 'graded' scales the
             outer markers and keeps the inner ones where and as they are on 1 m. A nested layout is always graded.
         face_m: side of the face.

@@ -9,14 +9,13 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from detector.features import find_features
-from detector.pose.joint import FoundMarker, moved_to_face, solve_face_pose
-from detector.pose.pose import Pose, solve_pose
-from detector.sensor.noise import noise_of
+from detector.detect import FaceDetection, detect_face
+from detector.pose.pose import Pose
 from experiments import chain
 from experiments.chain.progress import Progress
 from experiments.scenario import Scenario
-from experiments.thesis.layout.placement import LAYOUTS, Kind, Layout, in_view, layout, random_attitudes
+from experiments.thesis.layout.placement import LAYOUTS, Layout, in_view, layout, random_attitudes
+from experiments.thesis.layout.plan import Plan
 from radiometry.geometry import FloatArray, rotation_angle
 from scenes.face import render_face
 from scenes.render.transport import Quality
@@ -26,31 +25,37 @@ SOLVERS = ("one marker", "all markers")
 
 
 @dataclass(frozen=True)
-class Plan:
-    """What is counted and what is rendered.
+class LayoutResult:
+    """What the study finds.
 
     Attributes:
-        faces_m, ranges_m, attitudes: of the counts.
-        cases: kind, side of the face [m] and ranges [m] that are rendered.
-        poses, draws: attitudes rendered of each case and range, and noise draws of each.
-        rays: on each marker.
+        scenario: camera, LEDs, marker and requirement of the system.
+        data: groups 'counts' and 'rendered'; see `counts` and `rendered`.
+        frames: shown frames (height, width) [DN] by their titles.
     """
 
-    faces_m: tuple[float, ...]
-    ranges_m: tuple[float, ...]
-    attitudes: int
-    cases: tuple[tuple[Kind, float, tuple[float, ...]], ...]
-    poses: int
-    draws: int
-    rays: int
+    scenario: Scenario
+    data: xr.DataTree
+    frames: dict[str, NDArray[np.uint16]]
+
+    @property
+    def counts(self) -> xr.Dataset:
+        """Markers in view."""
+        return self.data["counts"].to_dataset()
+
+    @property
+    def rendered(self) -> xr.Dataset:
+        """Poses from rendered frames."""
+        return self.data["rendered"].to_dataset()
 
 
-_NEAR = (1.0, 2.0, 3.0, 5.0, 8.0, 10.0, 12.0, 15.0)
-FULL = Plan(
-    (1.0, 2.0, 5.0, 10.0), tuple(float(r) for r in range(1, 21)), 400,
-    (("wide", 1.0, _NEAR), ("narrow", 1.0, _NEAR)), 6, 4, 500_000,
-)  # fmt: skip
-QUICK = Plan((1.0, 10.0), (1.0, 5.0, 20.0), 20, (("wide", 1.0, (5.0,)),), 1, 1, 60_000)
+def run(scenario: Scenario, plan: Plan, progress: Progress | None = None) -> LayoutResult:
+    """Count the markers in view, and measure the face's pose from rendered frames."""
+    first, second = np.random.default_rng((scenario.seed, 61)).spawn(2)
+    groups = {"counts": counts(scenario, plan, first), "rendered": rendered(scenario, plan, second, progress)}
+    tree = xr.DataTree.from_dict(groups)
+    tree.attrs |= chain.provenance(scenario)
+    return LayoutResult(scenario, tree, shown_frames(scenario, plan))
 
 
 def counts(scenario: Scenario, plan: Plan, rng: np.random.Generator) -> xr.Dataset:
@@ -71,10 +76,12 @@ def counts(scenario: Scenario, plan: Plan, rng: np.random.Generator) -> xr.Datas
         square = in_view(placed, scenario.camera, range_m, np.zeros((1, 3)), px)
         turned = in_view(placed, scenario.camera, range_m, attitudes, px)
         usable = turned.usable.sum(axis=1)
-        values = (square.whole.sum(), square.usable.sum(), turned.whole.sum(axis=1).mean(), usable.mean(), usable.min(),
-                  (usable == 0).mean())  # fmt: skip
-        for name, value in zip(names, values, strict=True):
-            table[name][index] = value
+        table["whole"][index] = square.whole.sum()
+        table["usable"][index] = square.usable.sum()
+        table["whole_mean"][index] = turned.whole.sum(axis=1).mean()
+        table["usable_mean"][index] = usable.mean()
+        table["usable_least"][index] = usable.min()
+        table["none"][index] = (usable == 0).mean()
     dims = ("layout", "face_m", "range_m")
     coordinates = {
         "layout": list(LAYOUTS),
@@ -84,7 +91,7 @@ def counts(scenario: Scenario, plan: Plan, rng: np.random.Generator) -> xr.Datas
     return xr.Dataset({k: (dims, v, {"units": "1"}) for k, v in table.items()}, coordinates)
 
 
-def posed(scenario: Scenario, lay: Layout, range_m: float, angles_rad: FloatArray) -> Scenario:
+def before_face(scenario: Scenario, lay: Layout, range_m: float, angles_rad: FloatArray) -> Scenario:
     """The scenario before a layout's face: its target's size and attitude, its largest marker for the exposure."""
     pitch, yaw, roll = np.degrees(angles_rad)
     target = {"face_m": lay.face_m, "facet_m": 0.02 * lay.face_m, "pitch_deg": pitch, "yaw_deg": yaw, "roll_deg": roll}
@@ -96,69 +103,13 @@ def posed(scenario: Scenario, lay: Layout, range_m: float, angles_rad: FloatArra
     )
 
 
-@dataclass(frozen=True)
-class Sight:
-    """What is found of a face in one frame: markers, the pose of the surest alone, the pose of all."""
-
-    found: tuple[FoundMarker, ...]
-    one: Pose | None
-    every: Pose | None
+def face_rate(scenario: Scenario, lay: Layout, rays: int) -> FloatArray:
+    """Mean electron rate (height, width) of a frame of a layout's face, LEDs alone [1/s]."""
+    quality = Quality(scenario.render.frame_samples, rays, scenario.seed)
+    return chain.electron_rate(scenario, render_face(chain.view(scenario), lay.placed, quality), "eclipse")
 
 
-def look_at_face(scenario: Scenario, image: NDArray[np.uint16], lay: Layout) -> Sight:
-    """Find every marker of a layout in a frame and solve the face's pose.
-
-    'One marker' is the one whose own covariance gives the smallest attitude error, which needs no truth to choose.
-    """
-    camera, noise = chain.view(scenario).camera, noise_of(scenario.sensor, image)
-    found = tuple(
-        FoundMarker(features, p.design, p.centre_m)
-        for p in lay.placed
-        if (features := find_features(image, p.design, camera, noise, scenario.leds.ring_radius_m)).detected
-    )
-    singles = [
-        moved_to_face(pose, f.centre_m) for f in found if (pose := solve_pose(f.features, f.marker, camera)) is not None
-    ]
-    surest = min(singles, key=lambda pose: float(np.trace(pose.covariance[:3, :3])), default=None)
-    return Sight(found, surest, solve_face_pose(found, camera))
-
-
-def rendered(scenario: Scenario, plan: Plan, rng: np.random.Generator, progress: Progress | None = None) -> xr.Dataset:
-    """Pose of the whole face from rendered frames with noise, LEDs alone; dimensions frame, solver.
-
-    One entry a frame: kind, face_m, range_m, pitch, yaw and roll [deg], draw; usable and found markers; attitude_deg,
-    range_error_m and lateral_error_m of the face's centre for 'one marker' and 'all markers', and their predicted deviations.
-    """
-    records: list[dict[str, object]] = []
-    total = sum(len(ranges) for _, _, ranges in plan.cases) * plan.poses
-    done = 0
-    for kind, face_m, ranges in plan.cases:
-        lay = layout(kind, face_m, "scaled", scenario.marker)
-        for range_m in ranges:
-            for angles in random_attitudes(plan.poses, rng):
-                here = posed(scenario, lay, range_m, angles)
-                usable = in_view(lay.placed, here.camera, range_m, angles[None], here.requirement.px_per_bit_min).usable
-                quality = Quality(scenario.render.frame_samples, plan.rays, scenario.seed)
-                view = chain.view(here)
-                rate = chain.electron_rate(here, render_face(view, lay.placed, quality), "eclipse")
-                seconds = exposure(here, lay)
-                for draw in range(plan.draws):
-                    sight = look_at_face(here, chain.expose(here, rate, "eclipse", seconds, draw).dn, lay)
-                    record: dict[str, object] = {
-                        "kind": kind, "face_m": face_m, "range_m": range_m, "draw": draw,
-                        "usable": int(usable.sum()), "found": len(sight.found),
-                    }  # fmt: skip
-                    record |= dict(zip(("pitch_deg", "yaw_deg", "roll_deg"), np.degrees(angles), strict=True))
-                    errors = [_errors(pose, view.rotation, range_m) for pose in (sight.one, sight.every)]
-                    record["errors"] = np.array(errors)
-                    records.append(record)
-                done += 1
-                if progress is not None:
-                    progress(done, total, "faces")
-    return _dataset(records)
-
-
-def exposure(scenario: Scenario, lay: Layout) -> float:
+def face_exposure(scenario: Scenario, lay: Layout) -> float:
     """Automatic exposure of a face [s]: that of a marker of its outer size at the centre, or of its inner size where that is
     too near to be seen whole."""
     budget = chain.link_budget(scenario, "eclipse")
@@ -168,17 +119,78 @@ def exposure(scenario: Scenario, lay: Layout) -> float:
     return chain.solve_exposure(scenario, budget, "auto")
 
 
-def _errors(pose: Pose | None, rotation: FloatArray, range_m: float) -> list[float]:
-    """Attitude [deg], range and lateral error of the face's centre [m]; predicted deviations of attitude [deg], range [m]."""
+def detect_layout(scenario: Scenario, image: NDArray[np.uint16], lay: Layout) -> FaceDetection:
+    """Every marker of a layout that is found in a frame (height, width) [DN], and the face's pose."""
+    return detect_face(
+        image,
+        [(p.design, p.centre_m) for p in lay.placed],
+        chain.view(scenario).camera,
+        sensor=scenario.sensor,
+        led_ring_radius_m=scenario.leds.ring_radius_m,
+    )
+
+
+def rendered(scenario: Scenario, plan: Plan, rng: np.random.Generator, progress: Progress | None = None) -> xr.Dataset:
+    """Pose of the whole face from rendered frames with noise, LEDs alone; dimensions frame, solver.
+
+    One entry a frame: kind, face_m, range_m, pitch, yaw and roll [deg], draw; usable and found markers; attitude_deg,
+    range_error_m and lateral_error_m of the face's centre for 'one marker' and 'all markers', and their predicted deviations.
+    """
+    records: list[dict[str, object]] = []
+    total = sum(len(case.ranges_m) for case in plan.cases) * plan.poses
+    done = 0
+    for case in plan.cases:
+        lay = layout(case.kind, case.face_m, "scaled", scenario.marker)
+        for range_m in case.ranges_m:
+            for angles in random_attitudes(plan.poses, rng):
+                for record in _frames(before_face(scenario, lay, range_m, angles), lay, angles, plan):
+                    records.append({"kind": case.kind, "face_m": case.face_m, "range_m": range_m, **record})
+                done += 1
+                if progress is not None:
+                    progress(done, total, "faces")
+    return _dataset(records)
+
+
+def _frames(here: Scenario, lay: Layout, angles_rad: FloatArray, plan: Plan) -> list[dict[str, object]]:
+    """What is found in each noise draw of one attitude."""
+    px = here.requirement.px_per_bit_min
+    usable = in_view(lay.placed, here.camera, here.range_m, angles_rad[None], px).usable
+    attitude = dict(zip(("pitch_deg", "yaw_deg", "roll_deg"), np.degrees(angles_rad), strict=True))
+    rate, seconds = face_rate(here, lay, plan.rays), face_exposure(here, lay)
+    records = []
+    for draw in range(plan.draws):
+        found = detect_layout(here, chain.expose(here, rate, "eclipse", seconds, draw).dn, lay)
+        errors = [_errors(pose, here) for pose in (found.surest, found.pose)]
+        counted = {"draw": draw, "usable": int(usable.sum()), "found": len(found.markers)}
+        records.append({**counted, **attitude, "errors": np.array(errors)})
+    return records
+
+
+def shown_frames(scenario: Scenario, plan: Plan) -> dict[str, NDArray[np.uint16]]:
+    """The plan's frames with noise, LEDs alone, by their titles."""
+    frames = {}
+    for shown in plan.shown:
+        lay = layout(shown.kind, shown.face_m, "scaled", scenario.marker)
+        here = before_face(scenario, lay, shown.range_m, np.radians(shown.attitude_deg))
+        rate = face_rate(here, lay, plan.rays)
+        frame = chain.expose(here, rate, "eclipse", face_exposure(here, lay)).dn
+        frames[f"{shown.kind}, {shown.face_m:g} m face, {shown.range_m:g} m"] = frame
+    return frames
+
+
+def _errors(pose: Pose | None, here: Scenario) -> list[float]:
+    """Values of `_ERRORS` in their order; NaN without a pose."""
     if pose is None:
-        return [np.nan] * 5
-    away = pose.translation_m - np.array([0.0, 0.0, range_m])
+        return [np.nan] * len(_ERRORS)
+    away = pose.translation_m - np.array([0.0, 0.0, here.range_m])
     sigma = np.sqrt(np.diag(pose.covariance))
-    predicted = np.degrees(np.sqrt(np.sum(sigma[:3] ** 2)))
     return [
-        float(np.degrees(rotation_angle(rotation, pose.rotation))), float(abs(away[2])), float(np.hypot(*away[:2])),
-        float(predicted), float(sigma[5]),
-    ]  # fmt: skip
+        float(np.degrees(rotation_angle(chain.view(here).rotation, pose.rotation))),
+        float(abs(away[2])),
+        float(np.hypot(*away[:2])),
+        float(np.degrees(np.sqrt(np.sum(sigma[:3] ** 2)))),
+        float(sigma[5]),
+    ]
 
 
 _ERRORS = {
@@ -197,14 +209,3 @@ def _dataset(records: Sequence[dict[str, object]]) -> xr.Dataset:
     for k, (name, (unit, text)) in enumerate(_ERRORS.items()):
         data[name] = (("frame", "solver"), errors[:, :, k], {"units": unit, "long_name": text})
     return xr.Dataset(data, {"solver": list(SOLVERS)})
-
-
-def run(scenario: Scenario, quick: bool = False, progress: Progress | None = None) -> xr.DataTree:
-    """Counts and rendered poses, groups 'counts' and 'rendered'."""
-    plan = QUICK if quick else FULL
-    first, second = np.random.default_rng((scenario.seed, 61)).spawn(2)
-    tree = xr.DataTree.from_dict(
-        {"counts": counts(scenario, plan, first), "rendered": rendered(scenario, plan, second, progress)}
-    )
-    tree.attrs |= chain.provenance(scenario)
-    return tree

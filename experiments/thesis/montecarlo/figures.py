@@ -1,11 +1,7 @@
-"""Tables and figures of the Monte Carlo study, in the axes of the thesis's figures 3.6, 3.9 to 3.11 and 8.18 to 8.20."""
+"""Figures of the Monte Carlo study, in the axes of the thesis's figures 3.6, 3.9 to 3.11 and 8.18 to 8.20."""
 
 from __future__ import annotations
 
-import csv
-import io
-from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,150 +10,17 @@ from matplotlib.ticker import FixedLocator, NullLocator, ScalarFormatter
 from scipy.stats import expon, halfnorm
 
 from experiments.chain.statistics import wilson_interval
-from experiments.reporting.figures import BLACK, BLUE, GREEN, ORANGE, PURPLE, VERMILION, new_figure, save_svg
-from experiments.reporting.files import write_text
+from experiments.reporting.figures import BLACK, BLUE, GREEN, ORANGE, PURPLE, VERMILION, new_figure
 from experiments.thesis.montecarlo.errors import QUANTITIES
+from experiments.thesis.montecarlo.tables import LISTING, RIGHT
 
-Rows = list[tuple[str, ...]]
-_LISTING = {"recipe": "listing", "solver": "thesis EPnP"}
-_RIGHT = {"recipe": "right", "solver": "two-start"}
 _THESIS_FIGURE = {"random": "3.6", "wide": "8.18", "narrow": "8.19", "flat": "8.20"}
-
-
-def rate(count: float, total: float) -> str:
-    """A proportion in per cent with its 95 % Wilson interval."""
-    low, high = wilson_interval(count, total)
-    return f"{100 * count / total:.2f} [{100 * float(low):.2f}, {100 * float(high):.2f}]"
-
-
-def outlier_rows(performance: xr.Dataset) -> Rows:
-    """Header, then one row a recipe, layout and solver: outliers over all ranges and at the last, wrong poses by side."""
-    header = (
-        "recipe",
-        "layout",
-        "solver",
-        "outliers [%], 95 %",
-        "at the last range [%]",
-        "wrong, front [%]",
-        "wrong, back [%]",
-        "solves",
-        "s",
-    )
-    rows: Rows = [header]
-    for recipe in performance.recipe.values:
-        for layout in performance.layout.values:
-            for solver in performance.solver.values:
-                at = performance.sel(recipe=recipe, layout=layout, solver=solver)
-                if np.isnan(at.outliers).all():
-                    continue
-                total = {
-                    name: float(at[name].sum())
-                    for name in ("scenes", "scenes_back", "outliers", "wrong", "wrong_back", "seconds")
-                }
-                last, front = at.isel(range_m=-1), total["scenes"] - total["scenes_back"]
-                rows.append(
-                    (
-                        str(recipe),
-                        str(layout),
-                        str(solver),
-                        rate(total["outliers"], total["scenes"]),
-                        rate(float(last.outliers), float(last.scenes)),
-                        rate(total["wrong"] - total["wrong_back"], front),
-                        rate(total["wrong_back"], total["scenes_back"]) if total["scenes_back"] else "",
-                        f"{total['scenes']:.0f}",
-                        f"{total['seconds']:.1f}",
-                    )
-                )
-    return rows
-
-
-def accuracy_rows(performance: xr.Dataset) -> Rows:
-    """Header, then mean ± standard deviation of the five errors for each layout, recipe and range."""
-    rows: Rows = [("layout", "recipe", "solver", "range [m]", *(f"{q} [{unit}]" for q, unit in QUANTITIES.items()))]
-    for layout in performance.layout.values:
-        for choice in (_LISTING, _RIGHT):
-            for range_m in performance.range_m.values:
-                at = performance.sel({"layout": layout, "range_m": range_m, **choice})
-                values = [f"{float(at[f'mean_{q}']):.4f} ± {float(at[f'std_{q}']):.4f}" for q in QUANTITIES]
-                rows.append((str(layout), choice["recipe"], choice["solver"], f"{range_m:g}", *values))
-    return rows
-
-
-def tried_rows(tried: xr.Dataset) -> Rows:
-    """Header, then each solver's wrong poses of all, and median attitude error, for each layout at both ranges."""
-    ranges = tried.range_m.values
-    rows: Rows = [("solver", *(f"{layout}, {r:g} m" for layout in tried.layout.values for r in ranges), "µs a solve")]
-    for solver in tried.solver.values:
-        at = tried.sel(solver=solver)
-        cells = []
-        for layout in tried.layout.values:
-            for r in ranges:
-                cell = at.sel(layout=layout, range_m=r)
-                known = not np.isnan(cell.wrong)
-                cells.append(f"{int(cell.wrong)} / {float(cell.median_attitude_deg):.2f}°" if known else "")
-        rows.append((str(solver), *cells, f"{1e6 * float(at.seconds_per_scene.median()):.0f}"))
-    return rows
-
-
-def single_rows(single: xr.Dataset) -> Rows:
-    """Header, then for each noise and number of virtual points: wrong poses [%] and median error by range."""
-    rows: Rows = [("σ [px]", "virtual points", *(f"{r:g} m" for r in single.range_m.values))]
-    for sigma in single.sigma_px.values:
-        for points in single.virtual_points.values:
-            at = single.sel(sigma_px=sigma, virtual_points=points)
-            cells = [
-                f"{100 * w / single.attrs['scenes']:.1f} % / {m:.2f}°"
-                for w, m in zip(at.wrong.values, at.median_attitude_deg.values, strict=True)
-            ]
-            rows.append((f"{sigma:g}", str(points), *cells))
-    return rows
-
-
-def noise_rows(noise: xr.Dataset) -> Rows:
-    """Header, then outliers of both noise laws at each range [%]."""
-    chosen = [
-        (law, layout, choice)
-        for law in noise.noise.values
-        for layout in noise.layout.values
-        for choice in (_LISTING, _RIGHT)
-    ]
-    rows: Rows = [("noise", "layout", "solver", *(f"{r:g} m" for r in noise.range_m.values))]
-    rows += [
-        (str(law), "σ [px]", "", *(f"{s:.3f}" for s in noise.sigma_px.sel(noise=law).values))
-        for law in noise.noise.values
-    ]
-    for law, layout, choice in chosen:
-        at = noise.sel({"noise": law, "layout": layout, **choice})
-        rows.append(
-            (str(law), str(layout), choice["solver"], *(f"{v:.2f}" for v in 100 * (at.outliers / at.scenes).values))
-        )
-    return rows
-
-
-def summary_rows(tree: Mapping[str, Any]) -> Rows:
-    """The rows for a terminal: outliers of every recipe, layout and solver."""
-    return outlier_rows(tree["performance"])
-
-
-def write_tables(parts: Mapping[str, xr.Dataset], out_dir: Path) -> None:
-    """Every table as montecarlo-<name>.csv."""
-    tables = {
-        "outliers": outlier_rows(parts["performance"]),
-        "accuracy": accuracy_rows(parts["performance"]),
-        "tried": tried_rows(parts["tried"]),
-        "single": single_rows(parts["single"]),
-        "noise": noise_rows(parts["noise"]),
-    }
-    for name, rows in tables.items():
-        text = io.StringIO()
-        csv.writer(text, lineterminator="\n").writerows(rows)
-        write_text(text.getvalue(), out_dir / f"montecarlo-{name}.csv")
 
 
 def performance_figure(performance: xr.Dataset, layout: str) -> Any:
     """Mean and standard deviation of the five errors and the outlier rate over range, listing beside right."""
     figure, axes = new_figure(2, 3, (7.4, 4.6), sharex=True)
-    styles = ((_LISTING, VERMILION, "o", "as listed, thesis EPnP"), (_RIGHT, BLUE, "s", "as meant, two-start"))
+    styles = ((LISTING, VERMILION, "o", "as listed, thesis EPnP"), (RIGHT, BLUE, "s", "as meant, two-start"))
     for choice, colour, marker, label in styles:
         at = performance.sel({"layout": layout, **choice})
         for axis, (quantity, unit) in zip(axes.flat, QUANTITIES.items(), strict=False):
@@ -231,7 +94,7 @@ def validation_figure(convergence: xr.Dataset, far: xr.Dataset) -> Any:
     left.set_xlabel("absolute pitch error at 20 m [deg]")
     left.set_ylabel("probability density [1/deg]")
     left.legend(fontsize=8)
-    for choice, colour, marker in ((_LISTING, VERMILION, "o"), (_RIGHT, BLUE, "s")):
+    for choice, colour, marker in ((LISTING, VERMILION, "o"), (RIGHT, BLUE, "s")):
         at = far.sel({"layout": "random", **choice})
         right.loglog(at.range_m, at.mean_pitch, color=colour, marker=marker, label=f"pitch [deg], {choice['solver']}")
         right.loglog(
@@ -304,23 +167,3 @@ def single_figure(single: xr.Dataset) -> Any:
     axes[0, 1].set(xlabel="range [m]", ylabel="median attitude error [deg]", yscale="log")
     figure.legend(*axes[0, 1].get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=8)
     return figure
-
-
-def figures(parts: Mapping[str, xr.Dataset]) -> dict[str, Any]:
-    """Every figure by name."""
-    drawn = {
-        str(layout): performance_figure(parts["performance"], str(layout))
-        for layout in parts["performance"].layout.values
-    }
-    return drawn | {
-        "convergence": convergence_figure(parts["convergence"]),
-        "validation": validation_figure(parts["convergence"], parts["far"]),
-        "outliers": outlier_figure(parts["performance"]),
-        "single": single_figure(parts["single"]),
-    }
-
-
-def write_figures(parts: Mapping[str, xr.Dataset], out_dir: Path) -> None:
-    """Every figure as montecarlo-<name>.svg."""
-    for name, figure in figures(parts).items():
-        save_svg(figure, out_dir / f"montecarlo-{name}.svg")

@@ -84,7 +84,7 @@ def marker_layout(kind: Literal["wide", "narrow"], flat: bool = False, as_listed
 
     The ArUco is half the marker wide; its virtual point lies a quarter of the marker's width behind the face (assumption:
     half an element's length, the element half a marker long; the listing prints the flat variant only). `flat` puts the
-    virtual points on the face. `as_listed` keeps the listing's slips: two misplaced central markers, and central
+    virtual points on the face. `as_listed` keeps the listing's errors: two misplaced central markers, and central
     ArUcos half as wide as meant.
     """
     reach = _OUTER_M[kind]

@@ -10,9 +10,8 @@ Three recipes say what is simulated and what is counted:
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import xarray as xr
@@ -22,7 +21,11 @@ from detector.pnp import pnp
 from detector.pnp.dls import dls
 from detector.pnp.epnp import BoolArray, Poses, epnp, epnp_as_used
 from detector.pnp.posit import posit, softposit
+from experiments import chain
+from experiments.chain.progress import Progress
+from experiments.scenario import Scenario, load_scenario
 from experiments.thesis.montecarlo.errors import QUANTITIES, Criterion, Errors, summary
+from experiments.thesis.montecarlo.plan import FULL, Plan
 from experiments.thesis.montecarlo.scenes import (
     FEWEST_POINTS,
     AngleOrder,
@@ -39,10 +42,7 @@ from experiments.thesis.montecarlo.scenes import (
 )
 from radiometry.geometry import FRONTAL, FloatArray
 from radiometry.optics import Camera
-from scenes.atomic import atomic_write
 
-#: Thesis 3.7: scenes at each metre.
-SCENES_PER_RANGE = 1500
 LAYOUTS = ("random", "wide", "narrow", "flat")
 
 
@@ -304,32 +304,37 @@ def noise_laws(camera: Camera, rng: np.random.Generator, per_range: int, ranges_
     return xr.concat(parts, dim="noise")
 
 
-def run(
-    out_dir: Path, seed: int = 1, quick: bool = False, camera: Camera | None = None, noise: NoiseLaw = noise_listing
-) -> xr.DataTree:
-    """The whole study: writes montecarlo.nc (one group a part), csv tables and figures to `out_dir`; returns the tree.
+def load(overrides: tuple[str, ...] = (), seed: int | None = None) -> Scenario:
+    """The default scenario, whose camera is the thesis's; only its camera and its seed are used."""
+    return load_scenario(None, overrides if seed is None else (*overrides, f"seed={seed}"))
 
-    Groups: performance, convergence, far, noise, tried, single. The same seed gives the same scenes; `quick` takes a fiftieth of
-    them, at four ranges. `noise` replaces the listing's law in `performance`.
+
+def run(scenario: Scenario, plan: Plan = FULL, progress: Progress | None = None) -> xr.DataTree:
+    """The whole study, one group a part: performance, convergence, far, noise, tried, single.
+
+    Args:
+        scenario: its camera and its seed are used; the same seed gives the same scenes.
+        plan: how many scenes, at which ranges.
+        progress: told after each part.
+
+    Returns:
+        Tree of datasets; see the functions of the parts for their dimensions.
     """
-    from experiments.thesis.montecarlo import figures
-
-    camera = camera or Camera()
-    per_range = 30 if quick else SCENES_PER_RANGE
-    ranges = [1.0, 5.0, 10.0, 20.0] if quick else [float(r) for r in range(1, 21)]
-    streams = iter(np.random.default_rng(seed).spawn(6))
-    parts = {
-        "performance": performance(camera, ranges, per_range, next(streams), noise=noise),
-        "convergence": convergence(camera, next(streams), 100 if quick else 2500),
-        "far": far(camera, next(streams), per_range),
-        "noise": noise_laws(camera, next(streams), per_range, ranges),
-        "tried": tried(camera, next(streams), 1 if quick else 200),
-        "single": single(camera, next(streams), 30 if quick else 1000),
+    camera, ranges = scenario.camera, plan.ranges_m
+    parts: dict[str, Callable[[np.random.Generator], xr.Dataset]] = {
+        "performance": lambda rng: performance(camera, ranges, plan.per_range, rng),
+        "convergence": lambda rng: convergence(camera, rng, plan.convergence),
+        "far": lambda rng: far(camera, rng, plan.per_range),
+        "noise": lambda rng: noise_laws(camera, rng, plan.per_range, ranges),
+        "tried": lambda rng: tried(camera, rng, plan.tried),
+        "single": lambda rng: single(camera, rng, plan.single),
     }
-    tree = xr.DataTree.from_dict(parts)
-    tree.attrs |= {"title": "Monte Carlo of pose from points", "seed": seed, "quick": int(quick)}
-    with atomic_write(out_dir / "montecarlo.nc") as temporary:
-        tree.to_netcdf(temporary, engine="h5netcdf")
-    figures.write_tables(parts, out_dir)
-    figures.write_figures(parts, out_dir)
+    streams = np.random.default_rng(scenario.seed).spawn(len(parts))
+    done: dict[str, xr.Dataset] = {}
+    for (name, part), stream in zip(parts.items(), streams, strict=True):
+        if progress is not None:
+            progress(len(done), len(parts), name)
+        done[name] = part(stream)
+    tree = xr.DataTree.from_dict(done)
+    tree.attrs |= {"title": "Monte Carlo of pose from points", **chain.provenance(scenario)}
     return tree

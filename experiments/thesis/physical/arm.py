@@ -14,14 +14,13 @@ import numpy as np
 from experiments import chain
 from experiments.scenario import Scenario, load_data, overridden, set_key, validate
 from experiments.studies.shared.judge import tilt_deg
+from experiments.thesis.physical.plan import Plan
 from radiometry.geometry import FRONTAL, FloatArray
 from radiometry.laboratory import HalogenSpot, LedClusters
 from scenes.view import View
 
 #: Pixels around the marker that are rendered with it, over its reach; bars and foil are seen in them.
 CROP = 1.15
-#: A first look: passes, and stations of one.
-QUICK_PASSES, QUICK_STEPS = 2, 3
 
 
 @cache
@@ -35,6 +34,7 @@ def load(overrides: tuple[str, ...] = (), seed: int | None = None) -> Scenario:
 
     Raises:
         ScenarioError: one line that names the key, the value, and what was expected.
+        ValueError: when the LEDs do not fill the clusters evenly.
     """
     data = load_data()
     for key, value in table()["scenario"].items():
@@ -47,7 +47,15 @@ def load(overrides: tuple[str, ...] = (), seed: int | None = None) -> Scenario:
     set_key(data, "leds.count", count)
     set_key(data, "leds.electrical_power_w", power)
     set_key(data, "leds.intensity_w_sr", preset.intensity_w_sr * power / preset.electrical_power_w)
-    return overridden(data, overrides, seed)
+    scenario = overridden(data, overrides, seed)
+    _check_clusters(scenario)
+    return scenario
+
+
+def _check_clusters(scenario: Scenario) -> None:
+    clusters = table()["leds"]["clusters"]
+    if scenario.leds.count % clusters:
+        raise ValueError(f"leds.count: {scenario.leds.count}, expected a multiple of the {clusters} clusters")
 
 
 def equipped(scenario: Scenario) -> Scenario:
@@ -57,8 +65,7 @@ def equipped(scenario: Scenario) -> Scenario:
         ValueError: when the LEDs do not fill the clusters evenly.
     """
     told, lamp = table()["leds"], table()["lamp"]
-    if scenario.leds.count % told["clusters"]:
-        raise ValueError(f"leds.count: {scenario.leds.count}, expected a multiple of the {told['clusters']} clusters")
+    _check_clusters(scenario)
     leds = LedClusters(
         **scenario.leds.model_dump(), clusters=told["clusters"], cluster_radius_m=told["cluster_radius_m"]
     )
@@ -111,11 +118,11 @@ class Station:
         return np.append(tilt_deg(self.rotation), np.degrees(np.arctan2(turned[1, 0], turned[0, 0])))
 
 
-def stations(quick: bool = False) -> list[list[Station]]:
+def stations(plan: Plan) -> list[list[Station]]:
     """Every pass's stations on the way out, from the marker's left to its right."""
     arm = table()["arm"]
-    heights = arm["heights_m"][:QUICK_PASSES] if quick else arm["heights_m"]
-    along = np.linspace(-1, 1, QUICK_STEPS if quick else arm["steps"]) * arm["half_length_m"]
+    heights = arm["heights_m"][: plan.passes]
+    along = np.linspace(-1, 1, plan.steps or arm["steps"]) * arm["half_length_m"]
     return [
         [Station(p, s, np.array([x, height, arm["distance_m"]])) for s, x in enumerate(along)]
         for p, height in enumerate(heights)

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from detector.calibration.camera import CameraCalibration
 from detector.sensor.noise import NoiseModel
 from experiments.scenario import Scenario
+from experiments.studies.shared.baseline import to_eight_bits
 from experiments.studies.shared.calibrations import camera_from_images, rendered_boards
-from experiments.thesis.baseline import to_eight_bits
 from experiments.thesis.physical.arm import table
+from experiments.thesis.physical.plan import Plan
 from radiometry.geometry import FloatArray
 from radiometry.optics import Camera
 from scenes.chessboard import Chessboard
@@ -23,8 +24,6 @@ from scenes.chessboard import Chessboard
 #: Part of the whole detector's columns with which listing A.3 first looks for the corners, half the side of its window [px], and
 #: where its refinement ends.
 FIRST_LOOK, WINDOW_PX, ENDS = 0.2, 11, (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 30, 0.001)
-#: Binning and views of a first look.
-QUICK_BINNING, QUICK_VIEWS = 16, 4
 #: Boards are lit evenly, as a room lights them: LEDs with this half angle [deg]; their intensity is exposed for.
 ROOM_HALF_ANGLE_DEG, ROOM_W_SR = 70.0, 0.05
 
@@ -148,19 +147,18 @@ class Calibrated:
     images: list[NDArray[np.uint16]]
 
 
-def calibrate(scenario: Scenario, quick: bool = False) -> Calibrated:
+def calibrate(scenario: Scenario, plan: Plan) -> Calibrated:
     """Render chessboards through the scenario's whole camera, binned, and solve it by both ways.
 
     Raises:
         ValueError: when too few boards are seen whole.
     """
     told = table()["board"]
-    binning = QUICK_BINNING if quick else told["binning"]
+    binning = plan.binning or told["binning"]
     binned = _binned(scenario, binning)
     keys = ("columns", "rows", "square_m", "margin_m")
     board = Chessboard(**{key: told[key] for key in keys})
-    views = told["views"][:QUICK_VIEWS] if quick else told["views"]
-    images = rendered_boards(binned, board, [tuple(view) for view in views])
+    images = rendered_boards(binned, board, [tuple(view) for view in told["views"][: plan.boards]])
     found = camera_from_images(images, board, binned.camera.psf_sigma_px, distorted=True)
     by_listing, error, rms = listing(images, board, binned, binning)
     return Calibrated(whole(found, binning), whole(by_listing, binning), error * binning**0.5, rms * binning, images)
@@ -170,10 +168,12 @@ def _binned(scenario: Scenario, binning: int) -> Scenario:
     """The scenario at the board's distance, its detector read out in squares of so many pixels."""
     camera = scenario.camera
     changes: dict[str, Any] = {
-        "width_px": camera.width_px // binning, "height_px": camera.height_px // binning,
-        "pixel_pitch_x_m": camera.pixel_pitch_x_m * binning, "pixel_pitch_y_m": camera.pixel_pitch_y_m * binning,
+        "width_px": camera.width_px // binning,
+        "height_px": camera.height_px // binning,
+        "pixel_pitch_x_m": camera.pixel_pitch_x_m * binning,
+        "pixel_pitch_y_m": camera.pixel_pitch_y_m * binning,
         "psf_sigma_px": camera.psf_sigma_px / binning,
-    }  # fmt: skip
+    }
     room = {**scenario.leds.model_dump(), "half_angle_deg": ROOM_HALF_ANGLE_DEG, "intensity_w_sr": ROOM_W_SR}
     return scenario.at(camera={**camera.model_dump(), **changes}, leds=room, range_m=table()["board"]["range_m"])
 
@@ -183,12 +183,12 @@ def whole(found: CameraCalibration, binning: int) -> CameraCalibration:
     sigma = found.sigma.copy()
     sigma[:4] *= binning
     return CameraCalibration(
-        found.focal_px * binning,
-        (found.principal_point_px + 0.5) * binning - 0.5,
-        found.distortion,
-        sigma,
-        found.rms_px * binning,
-        found.views,
+        focal_px=found.focal_px * binning,
+        principal_point_px=(found.principal_point_px + 0.5) * binning - 0.5,
+        distortion=found.distortion,
+        sigma=sigma,
+        rms_px=found.rms_px * binning,
+        views=found.views,
     )
 
 
@@ -228,7 +228,11 @@ def listing(
         for c, r, t in zip(corners, turns, moves, strict=True)
     ]
     found = CameraCalibration(
-        np.array([matrix[0, 0], matrix[1, 1]]), matrix[:2, 2].copy(), np.ravel(lens)[:5], np.ravel(sigma)[:9], float(rms),
-        len(corners),
-    )  # fmt: skip
+        focal_px=np.array([matrix[0, 0], matrix[1, 1]]),
+        principal_point_px=matrix[:2, 2].copy(),
+        distortion=np.ravel(lens)[:5],
+        sigma=np.ravel(sigma)[:9],
+        rms_px=float(rms),
+        views=len(corners),
+    )
     return found, float(np.sqrt(np.mean(norms))), float(rms)

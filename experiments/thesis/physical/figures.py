@@ -14,6 +14,16 @@ from experiments.thesis.physical.methods import METHODS
 from experiments.thesis.physical.study import NEAR_PHASE_DEG
 from experiments.thesis.physical.summary import ILLUMINATION_NAMES, beside, series
 
+CAPTIONS = {
+    "yaw": "Yaw over frame number, frames as taken, by the thesis's pipeline (figure 8.11). Rows are illuminations, columns "
+    "passes.",
+    "yaw-scaled": "Yaw over frame number of the frames scaled as in section 7.1.5, by the thesis's pipeline (figure 8.12).",
+    "yaw-mantis": "Yaw over frame number of the scaled frames, by this project's detector.",
+    "error": "Yaw error over true yaw in eclipse, all passes, frames as taken and scaled.",
+    "trajectories": "Lines of the arm (figure 7.5, reconstructed), marker and lamp.",
+    "frames": "Frames as the thesis's pipeline gets them, 8 bits (figures 8.13 and 7.6).",
+    "lamp": "Blobs found over the lamp's level, and over the lens's sharpness.",
+}
 COLOURS = {"mantis": BLUE, "inner": SKY, "thesis": VERMILION, "thesis_inner": ORANGE, "window_inner": GREEN}
 COLOURS_OF_PASSES = (BLUE, VERMILION, GREEN, ORANGE)
 _DOTS: dict[str, Any] = {"ls": "none", "mew": 0, "rasterized": True}
@@ -22,7 +32,7 @@ _SHOWN = 0.5
 
 
 def yaw(frames: xr.Dataset, scale: str, project: str) -> Plot:
-    """Yaw over frame number, a column a pass and a row a light: inner ArUco alone and all of Mantis, by one software."""
+    """Yaw over frame number of inner ArUco alone and all of Mantis by one project; a column a pass, a row an illumination."""
     inner = "inner" if project == "mantis" else "thesis_inner"
     passes = frames.passing.values
     plot, axes = new_figure(2, len(passes), (9.6, 5.0), sharey=True)
@@ -38,13 +48,11 @@ def yaw(frames: xr.Dataset, scale: str, project: str) -> Plot:
                 axis.fill_between(number, -200, 200, where=near, color="0.88", lw=0, label="lamp beside the camera")
             for by, mark, size in ((inner, "s", 4.5), (project, "o", 3.0)):
                 here = series(at, str(illumination), scale, by)
-                axis.plot(
-                    number, here.yaw_deg.values.ravel()[order], mark, color=COLOURS[by], ms=size, label=METHODS[by], **_DOTS
-                )  # fmt: skip
+                measured = here.yaw_deg.values.ravel()[order]
+                axis.plot(number, measured, mark, color=COLOURS[by], ms=size, label=METHODS[by], **_DOTS)
             both = series(at, str(illumination), scale, project).virtual.values.ravel()[order] > 0
-            axis.plot(
-                number[both], np.full(both.sum(), -68.0), "|", color=COLOURS[project], ms=5, label="virtual point found"
-            )
+            low = np.full(both.sum(), -68.0)
+            axis.plot(number[both], low, "|", color=COLOURS[project], ms=5, label="virtual point found")
             axis.set_ylim(-75, 75)
             height = float(at.height_m)
             axis.set_title(f"{ILLUMINATION_NAMES[str(illumination)]}, pass {passing}, {height:g} m up", fontsize=8)
@@ -138,9 +146,9 @@ def lamp_and_lens(levels: xr.Dataset, sharpness: xr.Dataset) -> Plot:
             blobs = levels.blobs.sel(by=by, near=near)
             label = f"{METHODS[str(by)]}, lamp {'beside the camera' if near else 'aside'}"
             axes[0, 0].plot(lux, blobs, style, marker=MARKERS[k], color=COLOURS[str(by)], label=label)
-        axes[0, 1].plot(
-            sharpness.psf_sigma_px, sharpness.blobs.sel(by=by), marker=MARKERS[k], color=COLOURS[str(by)], label=METHODS[str(by)]
-        )  # fmt: skip
+        blobs = sharpness.blobs.sel(by=by)
+        look = {"marker": MARKERS[k], "color": COLOURS[str(by)], "label": METHODS[str(by)]}
+        axes[0, 1].plot(sharpness.psf_sigma_px, blobs, **look)
     axes[0, 0].set(
         xscale="log", xlabel="illuminance of the lamp [lx]", ylabel="blobs found of four, mean", ylim=(-0.2, 4.2)
     )

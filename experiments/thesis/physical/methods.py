@@ -1,4 +1,4 @@
-"""What looks at the laboratory's frames: this project's detector and the thesis's pipeline, each with and without elements."""
+"""The methods that find the marker in the laboratory's frames: this project's and the thesis's, with elements and without."""
 
 from __future__ import annotations
 
@@ -9,9 +9,18 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from detector.features import Features, find_features
-from experiments.studies.shared.trackers import Shot, Sight, aruco_thesis, inner_aruco, ml_sight, thesis
-from experiments.thesis.baseline import to_eight_bits
+from experiments.studies.shared.baseline import to_eight_bits
+from experiments.studies.shared.trackers import (
+    TrackerFrame,
+    TrackerResult,
+    aruco_thesis,
+    detection,
+    inner_aruco,
+    mantis,
+    of_detection,
+    of_features,
+    thesis,
+)
 from scenes.marker import ELEMENT_NAMES, MarkerDesign
 
 #: Methods by name, and what they are called.
@@ -23,12 +32,12 @@ METHODS = {
     "window_inner": "its inner ArUco alone, window-refined",
     "pair": "Mantis, LEDs on less LEDs off, this project",
 }
-#: What looks at differences of frames with and without LEDs, and only at them.
+#: The method that is given differences of frames with and without LEDs, and only those.
 PAIR = "pair"
 
 
 @dataclass(frozen=True)
-class LabShot(Shot):
+class LabFrame(TrackerFrame):
     """A frame of the laboratory's camera, whose eight bits are the upper ones of its own scale."""
 
     @property
@@ -37,22 +46,18 @@ class LabShot(Shot):
         return to_eight_bits(self.image, self.noise.offset_dn, self.noise.saturation_dn)
 
 
-def sights(shot: LabShot) -> Iterator[tuple[str, Sight]]:
-    """What every one of `METHODS` makes of a single frame."""
-    marker, camera = cast(MarkerDesign, shot.design), shot.camera
-    features = _features(shot)
-    yield "mantis", ml_sight(features, marker, camera)
-    bare = replace(features, blobs_px=dict.fromkeys(ELEMENT_NAMES), blob_sigma_px={}, virtual_points_px={})
-    yield "inner", replace(ml_sight(bare, marker, camera), blobs=None)
-    yield "thesis", thesis(shot)
-    yield "thesis_inner", aruco_thesis(shot)
-    yield "window_inner", inner_aruco(shot)
+def results(frame: LabFrame) -> Iterator[tuple[str, TrackerResult]]:
+    """What every one of `METHODS` but `PAIR` makes of a single frame."""
+    marker = cast(MarkerDesign, frame.design)
+    found = detection(frame)
+    yield "mantis", of_detection(found, marker)
+    bare = replace(found.features, blobs_px=dict.fromkeys(ELEMENT_NAMES), blob_sigma_px={}, virtual_points_px={})
+    yield "inner", replace(of_features(bare, marker, frame.camera), blobs=None)
+    yield "thesis", thesis(frame)
+    yield "thesis_inner", aruco_thesis(frame)
+    yield "window_inner", inner_aruco(frame)
 
 
-def of_pair(shot: LabShot) -> Sight:
+def of_pair(difference: LabFrame) -> TrackerResult:
     """What this project's detector makes of a difference."""
-    return ml_sight(_features(shot), cast(MarkerDesign, shot.design), shot.camera)
-
-
-def _features(shot: LabShot) -> Features:
-    return find_features(shot.image, cast(MarkerDesign, shot.design), shot.camera, shot.noise, shot.light_ring_m)
+    return mantis(difference)

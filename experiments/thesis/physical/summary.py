@@ -8,6 +8,7 @@ from itertools import product
 import numpy as np
 import xarray as xr
 
+from experiments.chain.statistics import root_mean_square
 from experiments.reporting.formatting import number
 from experiments.scenario import Scenario
 from experiments.studies.shared import failures
@@ -15,17 +16,26 @@ from experiments.studies.shared.calibrations import CAMERA_PARAMETERS
 from experiments.thesis.physical.camera import Calibrated
 from experiments.thesis.physical.methods import METHODS
 from experiments.thesis.physical.study import NEAR_PHASE_DEG
-from experiments.thesis.virtual.study import OUTLIER_DEG, OUTLIER_RANGE
-from experiments.thesis.virtual.summary import FRONTAL_DEG
+from experiments.thesis.virtual.summary import FRONTAL_DEG, OUTLIER_DEG, OUTLIER_RANGE
 
 Row = tuple[str, ...]
 
 #: The dimensions of one run's frames.
 FRAMES = ("passing", "way", "step")
 PASS_HEADINGS: Row = (
-    "illumination", "frames", "method", "pass", "height [m]", "frames in all", "found [%]", "virtual point [%]", "yaw rms [°]",
-    "yaw rms, frontal [°]", "largest [°]", "outliers",
-)  # fmt: skip
+    "illumination",
+    "frames",
+    "method",
+    "pass",
+    "height [m]",
+    "frames in all",
+    "found [%]",
+    "virtual point [%]",
+    "yaw rms [°]",
+    "yaw rms, frontal [°]",
+    "largest [°]",
+    "outliers",
+)
 ILLUMINATION_NAMES = {"eclipse": "eclipse", "sunlit": "halogen"}
 
 
@@ -51,8 +61,7 @@ def beside(frames: xr.Dataset) -> xr.DataArray:
 
 def rms(values: xr.DataArray) -> float:
     """Root mean square of what is known; NaN where nothing is."""
-    known = values.values[np.isfinite(values.values)]
-    return float(np.sqrt(np.mean(known**2))) if len(known) else float("nan")
+    return root_mean_square(values.values)
 
 
 def mean(values: xr.DataArray, where: xr.DataArray | None = None) -> float:
@@ -78,10 +87,19 @@ def pass_rows(frames: xr.Dataset) -> list[Row]:
             error = here.yaw_error_deg
             largest = np.abs(error.values[np.isfinite(error.values)])
             rows.append(
-                (*names, str(passing), f"{float(here.height_m):g}", str(here.found.size), f"{100 * mean(here.found):.1f}",
-                 f"{100 * mean(here.virtual):.1f}", number(rms(error)), number(rms(error.where(frontal(here)))),
-                 number(float(largest.max()) if len(largest) else np.nan), str(int(outliers(here).sum())))
-            )  # fmt: skip
+                (
+                    *names,
+                    str(passing),
+                    f"{float(here.height_m):g}",
+                    str(here.found.size),
+                    f"{100 * mean(here.found):.1f}",
+                    f"{100 * mean(here.virtual):.1f}",
+                    number(rms(error)),
+                    number(rms(error.where(frontal(here)))),
+                    number(float(largest.max()) if len(largest) else np.nan),
+                    str(int(outliers(here).sum())),
+                )
+            )
     return rows
 
 

@@ -5,25 +5,19 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import xarray as xr
 
 from experiments.reporting.figures import BLACK, BLUE, COLOURS, GREEN, VERMILION, new_figure
 from experiments.reporting.formatting import ILLUMINATION_NAMES
-from experiments.scenario import Scenario
-from experiments.thesis.power.emitters import BOARD_C, Emitter
+from experiments.thesis.power.emitters import BOARD_C
+from experiments.thesis.power.study import PowerResult
+from experiments.thesis.power.tables import THESIS_EXPOSURES_S
 from radiometry import link
-from radiometry.power import PowerPlan, swing_px
-
-CAPTIONS = {
-    "rate": "Frames a second under the power limit over the exposure (equation 6.10 for LEDs alone): the thesis's exposures and "
-    "those that this project's budget needs",
-    "range": "Exposure, frame rate, and how far the marker moves in the image from frame to frame, 100 LEDs",
-    "pulse": "Junction temperature over the length of a single pulse, and the longest pulse that the link budget asks for",
-}
+from radiometry.power import swing_px
 
 
-def rate_over_exposure(dataset: xr.Dataset, scenario: Scenario, plan: PowerPlan) -> Any:
+def rate_over_exposure(result: PowerResult) -> Any:
     """Equation 6.10 over exposure for 1, 10 and 100 LEDs, the thesis's points and the needed ones."""
+    dataset, scenario, power = result.dataset, result.scenario, result.power
     figure, axes = new_figure(size_in=(6.4, 4.0))
     axis = axes[0, 0]
     exposure = np.geomspace(1e-7, 1e-1, 200)
@@ -31,13 +25,13 @@ def rate_over_exposure(dataset: xr.Dataset, scenario: Scenario, plan: PowerPlan)
         energy = scenario.leds.electrical_power_w * count * exposure
         plural = "" if count == 1 else "s"
         axis.loglog(
-            exposure, link.frames_per_second(plan.limit_w, energy), color=colour, label=f"{count} LED{plural} alone"
+            exposure, link.frames_per_second(power.limit_w, energy), color=colour, label=f"{count} LED{plural} alone"
         )
-    whole = plan.frame_rate(scenario.leds, exposure)
+    whole = power.frame_rate(scenario.leds, exposure)
     axis.loglog(exposure, whole, color=BLACK, ls="--", label="100 LEDs, driver, camera, readout")
-    thesis = np.array([1 / 30, 1 / 50, 1 / 100, 1 / 150, 1 / 200])
+    thesis = np.array(THESIS_EXPOSURES_S)
     energy = scenario.leds.energy_per_frame_j(thesis)
-    axis.plot(thesis, plan.limit_w / energy, "s", color=VERMILION, ms=5, label="thesis, 1/30 to 1/200 s")
+    axis.plot(thesis, power.limit_w / energy, "s", color=VERMILION, ms=5, label="thesis, 1/30 to 1/200 s")
     for illumination, marker in (("eclipse", "o"), ("sunlit", "^")):
         at = dataset.sel(illumination=illumination, leds=100)
         axis.plot(
@@ -53,8 +47,9 @@ def rate_over_exposure(dataset: xr.Dataset, scenario: Scenario, plan: PowerPlan)
     return figure
 
 
-def over_range(dataset: xr.Dataset, scenario: Scenario, plan: PowerPlan) -> Any:
+def over_range(result: PowerResult) -> Any:
     """Exposure, frame rates and turn between frames over range."""
+    dataset, scenario, power = result.dataset, result.scenario, result.power
     figure, axes = new_figure(1, 3, (9.0, 3.2))
     for illumination, colour in (("eclipse", BLUE), ("sunlit", VERMILION)):
         at = dataset.sel(illumination=illumination, leds=100)
@@ -71,7 +66,7 @@ def over_range(dataset: xr.Dataset, scenario: Scenario, plan: PowerPlan) -> Any:
     size = focal * scenario.marker.size_m / at.range_m
     axes[0, 2].semilogy(at.range_m, size, color=BLUE, label="side of the marker")
     axes[0, 0].set(xlabel="range [m]", ylabel="exposure [µs]")
-    axes[0, 1].set(xlabel="range [m]", ylabel=f"frame rate under {plan.limit_w:g} W [1/s]", ylim=(0.5, None))
+    axes[0, 1].set(xlabel="range [m]", ylabel=f"frame rate under {power.limit_w:g} W [1/s]", ylim=(0.5, None))
     swing = f"motion between frames at {scenario.target.tumble_deg_s:g}°/s [px]"
     axes[0, 2].set(xlabel="range [m]", ylabel=swing)
     for axis in axes[0]:
@@ -80,8 +75,9 @@ def over_range(dataset: xr.Dataset, scenario: Scenario, plan: PowerPlan) -> Any:
     return figure
 
 
-def junction(dataset: xr.Dataset, emitters: tuple[Emitter, ...]) -> Any:
+def junction(result: PowerResult) -> Any:
     """Peak junction temperature of each LED over pulse length, with its limit and the exposures in use."""
+    dataset, emitters = result.dataset, result.emitters
     figure, axes = new_figure(size_in=(6.4, 3.8))
     axis = axes[0, 0]
     pulse = np.geomspace(1e-7, 1.0, 300)

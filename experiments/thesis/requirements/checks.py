@@ -80,10 +80,8 @@ def reach(evidence: Evidence) -> Finding:
     """SYS-REQ-2: a usable marker at every range from 1 to 15 m on the thesis's 1 m face, seen squarely."""
     scenario = evidence.scenario
     px = scenario.requirement.px_per_bit_min
-    seen = {
-        r: in_view(layout("wide", 1.0, "scaled", scenario.marker).placed, scenario.camera, r, np.zeros((1, 3)), px).usable.sum()
-        for r in _RANGES_M
-    }  # fmt: skip
+    placed, squarely = layout("wide", 1.0, "scaled", scenario.marker).placed, np.zeros((1, 3))
+    seen = {r: in_view(placed, scenario.camera, r, squarely, px).usable.sum() for r in _RANGES_M}
     usable = [r for r, count in seen.items() if count]
     figure = (
         f"a marker resolved to {px:g} px a bit at {ranges_text(list(_RANGES_M), usable)} on a 1 m face, seen squarely"
@@ -99,7 +97,7 @@ def _closing(evidence: Evidence) -> str:
     try:
         records = evidence.records("closure-confirmation.csv")
     except Missing:
-        return "a longer lens, or a ladder of rings on a larger face"
+        return "a longer lens, or nested rings of markers on a larger face"
     first = records[0]["set"]
     closes = [r for r in records if r["set"] == first and r["closes"] == "True"]
     total = sum(r["set"] == first for r in records)
@@ -136,9 +134,8 @@ def accuracy(evidence: Evidence) -> Finding:
         )
         for place in ("wide", "narrow")
     }
-    outliers = {
-        r[1]: float(r[3].split()[0]) for r in evidence.rows("montecarlo-outliers.csv") if r[0] == "right" and r[2] == "two-start"
-    }  # fmt: skip
+    meant = [r for r in evidence.rows("montecarlo-outliers.csv") if r[0] == "right" and r[2] == "two-start"]
+    outliers = {r[1]: float(r[3].split()[0]) for r in meant}
     resolved = reach(evidence)
     meets = all(v <= ACCURACY_MARGIN for v in ratios.values()) and all(
         outliers[p] <= ACCURACY_MARGIN * outliers["random"] for p in ratios
@@ -147,10 +144,9 @@ def accuracy(evidence: Evidence) -> Finding:
         f"with all features found, mean errors at most {ratios['wide']:.2f} (wide) and {ratios['narrow']:.2f} (narrow) times the "
         f"benchmark's, outliers {outliers['wide']:g} % and {outliers['narrow']:g} % at 20 m; but {resolved.figure}"
     )
-    return _judged(
-        meets and resolved.verdict == "met", figure, "mantis montecarlo; mantis layout",
-        min(ACCURACY_MARGIN / max(ratios.values()), resolved.margin), f"features to begin with: {resolved.remedy}",
-    )  # fmt: skip
+    margin = min(ACCURACY_MARGIN / max(ratios.values()), resolved.margin)
+    remedy = f"features to begin with: {resolved.remedy}"
+    return _judged(meets and resolved.verdict == "met", figure, "mantis montecarlo; mantis layout", margin, remedy)
 
 
 def pace(evidence: Evidence) -> Finding:
@@ -226,10 +222,8 @@ def scalable(evidence: Evidence) -> Finding:
     lacking: dict[str, list[float]] = {}
     for name, (kind, sizing) in LAYOUTS.items():
         placed = layout(kind, far, sizing, scenario.marker).placed
-        lacking[name] = [
-            r for r in ranges
-            if not in_view(placed, scenario.camera, r, attitudes, px).usable.any(axis=1).all()
-        ]  # fmt: skip
+        usable = {r: in_view(placed, scenario.camera, r, attitudes, px).usable.any(axis=1).all() for r in ranges}
+        lacking[name] = [r for r in ranges if not usable[r]]
     thesis = {name: lacking[name] for name in THESIS_LAYOUTS}
     best = min(thesis, key=lambda name: len(thesis[name]))
     thick = 1e3 * max(p.design.thickness_m for p in layout("wide", far, "scaled", scenario.marker).placed)
@@ -240,7 +234,9 @@ def scalable(evidence: Evidence) -> Finding:
         f"{ranges_text(ranges, thesis[best])}; cost is not judged"
     )
     remedy = (
-        "" if lacking["nested"] else "a ladder of rings has a usable marker at every range and attitude (mantis layout)"
+        ""
+        if lacking["nested"]
+        else "nested rings of markers have a usable one at every range and attitude (mantis layout)"
     )
     return _judged(not thesis[best], figure, "mantis layout", remedy=remedy)
 
@@ -270,10 +266,8 @@ def flat(evidence: Evidence) -> Finding:
         f"{1e3 * thick:.1f} mm on a 1 m face; 15 mm are reached on one of {largest:.1f} m, {1e3 * far:.0f} mm on the 10 m "
         "face of SYS-REQ-11"
     )
-    return _judged(
-        far <= THICKNESS_MAX_M, figure, "mantis layout", THICKNESS_MAX_M / far,
-        f"markers of at most {100 * SIDE_SHARE_MAX * largest:.0f} cm, or shallower cavities",
-    )  # fmt: skip
+    remedy = f"markers of at most {100 * SIDE_SHARE_MAX * largest:.0f} cm, or shallower cavities"
+    return _judged(far <= THICKNESS_MAX_M, figure, "mantis layout", THICKNESS_MAX_M / far, remedy)
 
 
 CHECKS: Mapping[str, Callable[[Evidence], Finding]] = {

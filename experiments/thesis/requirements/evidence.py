@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
-from detector.features import find_features
+from detector.detect import detect
 from detector.pattern.pattern import Pattern, homography, kernel_sigma_px
-from detector.pose.pose import solve_pose
 from detector.sensor.noise import NoiseModel
 from experiments.scenario import Scenario
-from radiometry.optics import camera_at
+from radiometry.geometry import FloatArray
+from radiometry.optics import Camera, camera_at
 
 #: The command that makes each table.
 MAKERS = {
@@ -68,29 +68,41 @@ class Evidence:
             return list(csv.reader(file))
 
     def detection_seconds(self, repeats: int = 5) -> float:
-        """Median time of features and pose in a whole frame of the scenario's camera, on this machine [s].
-
-        The frame is drawn analytically: the ArUco and its ring at 4 m, tilted, with the sensor's read noise.
-        """
-        scenario = self.scenario.at(range_m=4.0)
-        camera, marker = camera_at(scenario.camera, 4.0, scenario.filter.centre_nm), scenario.marker
-        side = marker.aruco_m * max(camera.focal_px) / 4.0
-        centre = np.array(camera.principal_point_px)
-        corners = centre + side * np.array([[-0.5, -0.48], [0.5, -0.5], [0.48, 0.47], [-0.5, 0.5]])
-        column, row = np.meshgrid(np.arange(camera.width_px), np.arange(camera.height_px))
-        near = np.abs(np.stack([column, row], -1).reshape(-1, 2) - centre).max(axis=1) < side
-        pixels = np.stack([column, row], -1).reshape(-1, 2)[near].astype(float)
-        value, _ = Pattern(marker).value_and_gradient(pixels, homography(corners), kernel_sigma_px(camera.psf_sigma_px))
-        sensor = scenario.sensor
-        frame = np.zeros(camera.width_px * camera.height_px)
-        frame[near] = 0.5 * sensor.full_well_electrons * np.maximum(value, 0)  # its blurred edges undershoot by 1e-6
-        rng = np.random.default_rng(scenario.seed)
-        frame = rng.poisson(frame) + rng.normal(0, sensor.total_noise_electrons, frame.shape)
-        image = frame.reshape(camera.height_px, camera.width_px)
-        noise = NoiseModel(1.0, sensor.total_noise_electrons, 0.0, sensor.full_well_electrons)
+        """Median time of features and pose in a whole frame of the scenario's camera, on this machine [s]."""
+        scenario = self.scenario
+        image, camera, noise = drawn_frame(scenario)
         spent = []
         for _ in range(repeats + 1):
             start = time.perf_counter()
-            solve_pose(find_features(image, marker, camera, noise), marker, camera)
+            detect(image, scenario.marker, camera, noise=noise)
             spent.append(time.perf_counter() - start)
         return float(np.median(spent[1:]))  # the first one compiles
+
+
+def drawn_frame(scenario: Scenario, range_m: float = 4.0) -> tuple[FloatArray, Camera, NoiseModel]:
+    """A frame that is drawn analytically: the ArUco and its ring, tilted, with shot noise and the sensor's read noise.
+
+    Args:
+        scenario: marker, camera, sensor and seed.
+        range_m: distance of the marker.
+
+    Returns:
+        Image (height, width) in electrons, the camera focused there, and the noise of the image.
+    """
+    camera, marker = camera_at(scenario.camera, range_m, scenario.filter.centre_nm), scenario.marker
+    side = marker.aruco_m * max(camera.focal_px) / range_m
+    centre = np.array(camera.principal_point_px)
+    corners = centre + side * np.array([[-0.5, -0.48], [0.5, -0.5], [0.48, 0.47], [-0.5, 0.5]])
+    column, row = np.meshgrid(np.arange(camera.width_px), np.arange(camera.height_px))
+    places = np.stack([column, row], -1).reshape(-1, 2).astype(float)
+    near = np.abs(places - centre).max(axis=1) < side
+    # The pattern is known where an ideal lens shows it.
+    pixels = camera.undistort_px(places[near])
+    value, _ = Pattern(marker).value_and_gradient(pixels, homography(corners), kernel_sigma_px(camera.psf_sigma_px))
+    sensor = scenario.sensor
+    frame = np.zeros(len(places))
+    frame[near] = 0.5 * sensor.full_well_electrons * np.maximum(value, 0)  # its blurred edges undershoot by 1e-6
+    rng = np.random.default_rng(scenario.seed)
+    frame = rng.poisson(frame) + rng.normal(0, sensor.total_noise_electrons, frame.shape)
+    noise = NoiseModel(1.0, sensor.total_noise_electrons, 0.0, sensor.full_well_electrons)
+    return frame.reshape(camera.height_px, camera.width_px), camera, noise

@@ -14,8 +14,11 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from experiments.chain.progress import Progress
 from experiments.chain.statistics import binomial_interval
+from experiments.scenario import Scenario
 from experiments.studies.shared.failures import ATTITUDE, MODES, RANGE
+from experiments.thesis.risk.plan import FULL, Plan
 from radiometry.closure import Requirement
 
 STAGES = ("before", "part", "after")
@@ -23,6 +26,8 @@ STAGES = ("before", "part", "after")
 #: range. Assumption.
 MAJOR_DEG, MAJOR_RANGE = float(Requirement().attitude_error_max_deg), float(Requirement().range_error_max)
 CONFIDENCE = 0.95
+#: Levels of likelihood: the thesis's three, and one for what is more frequent.
+LEVELS = 4
 
 
 @cache
@@ -83,6 +88,46 @@ class Place:
 
 #: Places by source, stage and mode; what a table cannot tell is missing.
 Places = dict[tuple[str, str, str], Place]
+
+
+@dataclass(frozen=True)
+class RiskResult:
+    """Where every failure mode lies in the matrix.
+
+    Attributes:
+        places: by source, stage and mode.
+        missing: a line for every source whose table is not there.
+        dataset: the same as labelled arrays.
+    """
+
+    places: Places
+    missing: tuple[str, ...]
+    dataset: xr.Dataset
+
+    @property
+    def sources(self) -> tuple[dict[str, Any], ...]:
+        """Sources whose table is there."""
+        return tuple(s for s in catalogue()["source"] if any(source == s["name"] for source, _, _ in self.places))
+
+
+def run(scenario: Scenario | None = None, plan: Plan = FULL, progress: Progress | None = None) -> RiskResult:
+    """Read the studies' tables and place every failure mode in the matrix.
+
+    Args:
+        scenario: not used: the tables say what was looked at.
+        plan: where the tables are.
+        progress: not used; the work takes a second.
+
+    Raises:
+        ValueError: when no table is there, or one cannot be read.
+    """
+    found, missing = places(plan.results)
+    return RiskResult(found, tuple(missing), _dataset(found))
+
+
+def modes() -> tuple[dict[str, Any], ...]:
+    """The failure modes of the data file, in the thesis's order."""
+    return tuple(catalogue()["mode"])
 
 
 def find_table(folders: Sequence[Path], name: str) -> Path | None:
@@ -189,24 +234,26 @@ def _error(rows: list[dict[str, str]], failed: list[int], column: str) -> float:
     return sum(e * n for e, n in told) / weight if weight else float("nan")
 
 
-def dataset(found: Places) -> xr.Dataset:
+def _dataset(found: Places) -> xr.Dataset:
     """Frames, failures, rates with their intervals, levels, severities and errors over (source, stage, mode)."""
-    sources = [source["name"] for source in catalogue()["source"]]
-    shape = (len(sources), len(STAGES), len(MODES))
     told = {
-        "failed": "frames with the failure", "frames": "frames", "rate": "share of the frames",
-        "rate_low": "lower end of its 95 % interval", "rate_high": "upper end of its 95 % interval",
-        "likelihood": "likelihood level of thesis table 8.3; 4 is beyond it", "severity": "severity level of thesis table 8.2",
-        "error_deg": "median attitude error of the frames with it", "range_error": "median range error over range of them",
-    }  # fmt: skip
-    values = {name: np.full(shape, np.nan) for name in told}
+        "failed": "frames with the failure",
+        "frames": "frames",
+        "rate": "share of the frames",
+        "rate_low": "lower end of its 95 % interval",
+        "rate_high": "upper end of its 95 % interval",
+        "likelihood": "likelihood level of thesis table 8.3; 4 is beyond it",
+        "severity": "severity level of thesis table 8.2",
+        "error_deg": "median attitude error of the frames with it",
+        "range_error": "median range error over range of them",
+    }
+    sources = [source["name"] for source in catalogue()["source"]]
+    values = {name: np.full((len(sources), len(STAGES), len(MODES)), np.nan) for name in told}
     for (source, stage, mode), place in found.items():
         at = sources.index(source), STAGES.index(stage), list(MODES).index(mode)
-        numbers = (
-            place.rate.failed, place.rate.frames, place.rate.value, *place.rate.interval, place.likelihood, place.severity,
-            place.error_deg, place.range_error,
-        )  # fmt: skip
-        for name, value in zip(told, numbers, strict=True):
+        counted = (place.rate.failed, place.rate.frames, place.rate.value, *place.rate.interval)
+        judged = (place.likelihood, place.severity, place.error_deg, place.range_error)
+        for name, value in zip(told, (*counted, *judged), strict=True):
             values[name][at] = value
     data = {
         name: (

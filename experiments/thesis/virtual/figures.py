@@ -12,10 +12,26 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 from experiments.reporting.figures import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION, new_figure
 from experiments.thesis.virtual.summary import PITCH_TARGET_DEG, find, method_title, rolling, title
 
+CAPTIONS = {
+    "3.3m": "Errors and detection at 3.3 m: left against ArUco as in the thesis's figures 8.2 and 8.3, right against the others.",
+    "2.3m": "Errors and detection at 2.3 m: left against ArUco as in figures 8.4 and 8.5, right against the others.",
+    "1.3m": "Errors and detection at 1.3 m, improved ring: left against ArUco as in figures 8.7 and 8.8, right against the "
+    "others.",
+    "2.3m-both": "Errors and detection at 2.3 m, pitch and yaw alike: left against ArUco as in figures 8.9 and 8.10, right "
+    "against the others.",
+    "overview": "Rms pitch error of every series, over all frames and near frontal; dotted: the targets for Mantis.",
+    "bound": "Mantis's errors, improved ring, beside twice the Cramér–Rao bound of each range.",
+    "misplaced": "The left element a millimetre off its place: with the design believed, and with the element calibrated.",
+}
 COLOURS = {
-    "mantis": BLUE, "thesis": VERMILION, "aruco": GREEN, "aruco_opencv": SKY, "aruco_thesis": ORANGE, "apriltag": PURPLE,
+    "mantis": BLUE,
+    "thesis": VERMILION,
+    "aruco": GREEN,
+    "aruco_opencv": SKY,
+    "aruco_thesis": ORANGE,
+    "apriltag": PURPLE,
     "svms": BLACK,
-}  # fmt: skip
+}
 #: Figures by name: range, rotation, the thesis's figures, and the Mantis Marker that it shows there.
 CONDITIONS = {
     "3.3m": (3.3, "pitch", "8.2 and 8.3", "mantis"),

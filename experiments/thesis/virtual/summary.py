@@ -8,12 +8,14 @@ import numpy as np
 import xarray as xr
 
 from experiments.reporting.formatting import number
+from experiments.studies.shared import failures
 from experiments.studies.shared.judge import FAILURES
 from experiments.studies.shared.trackers import METHODS
-from experiments.thesis.virtual.study import OUTLIER_DEG, OUTLIER_RANGE
 from experiments.thesis.virtual.targets import table
 from radiometry.geometry import FloatArray
 
+#: An outlier is off by more than this in attitude [deg] or, over range, in range.
+OUTLIER_DEG, OUTLIER_RANGE = 10.0, 0.05
 #: Targets of Mantis by range [m]: rms of the pitch [deg]; and of the range, everywhere [m]. No outlier at any.
 PITCH_TARGET_DEG = {1.3: 0.1, 2.3: 0.25, 3.3: 0.25}
 RANGE_TARGET_M = 0.005
@@ -33,18 +35,27 @@ STATISTICS: dict[str, tuple[str, str]] = {
     "range_inlier_rms_m": ("m", "rms range error, outliers left out"),
     "outliers": ("1", f"frames off by more than {OUTLIER_DEG:g} deg in attitude or {100 * OUTLIER_RANGE:g} % in range"),
     "failed": ("1", "frames with any of the five failures"),
-}  # fmt: skip
+}
 
 HEADINGS = (
-    "test", "target", "method", "range [m]", "turned", "frames", "found [%]", "pitch rms [°]", "bias [°]",
-    "rms, outliers out [°]", "rms, frontal [°]", "range rms [mm]", "bias [mm]", "outliers",
-)  # fmt: skip
+    "test",
+    "target",
+    "method",
+    "range [m]",
+    "turned",
+    "frames",
+    "found [%]",
+    "pitch rms [°]",
+    "bias [°]",
+    "rms, outliers out [°]",
+    "rms, frontal [°]",
+    "range rms [mm]",
+    "bias [mm]",
+    "outliers",
+)
 #: Columns of `rows` for a terminal.
 TERMINAL = (0, 1, 2, 3, 6, 7, 10, 11, 13)
-FAILURE_HEADINGS = (
-    "test", "target", "method", "range [m]", "turned", "frames", "1 loss of ArUco", "2 false positive", "3 loss of elements",
-    "4 wrong corners", "5 no blob",
-)  # fmt: skip
+FAILURE_HEADINGS = (*HEADINGS[:6], *failures.MODES.values())
 
 
 def outliers(dataset: xr.Dataset) -> xr.DataArray:
@@ -138,9 +149,14 @@ def method_title(method: str) -> str:
 
 def _start(series: xr.Dataset) -> list[str]:
     turned = "pitch" if series.rotation == "pitch" else "pitch, yaw"
-    test = str(int(series.test)) if int(series.test) else "–"
-    return [test, target_title(series), method_title(str(series.method.values)), f"{float(series.range_m):g}", turned,
-            str(int(series.frames))]  # fmt: skip
+    return [
+        str(int(series.test)) if int(series.test) else "–",
+        target_title(series),
+        method_title(str(series.method.values)),
+        f"{float(series.range_m):g}",
+        turned,
+        str(int(series.frames)),
+    ]
 
 
 def rows(summary: xr.Dataset) -> list[tuple[str, ...]]:
@@ -150,10 +166,9 @@ def rows(summary: xr.Dataset) -> list[tuple[str, ...]]:
         here = summary.isel(series=s)
         values = {name: float(here[name]) for name in STATISTICS}
         degrees = [number(values[f"pitch_{k}_deg"]) for k in ("rms", "bias", "inlier_rms", "frontal_rms")]
-        lines.append(
-            (*_start(here), f"{100 * values['detection']:.1f}", *degrees, number(1e3 * values["range_rms_m"]),
-             number(1e3 * values["range_bias_m"]), f"{values['outliers']:.0f}")
-        )  # fmt: skip
+        millimetres = [number(1e3 * values[name]) for name in ("range_rms_m", "range_bias_m")]
+        found = f"{100 * values['detection']:.1f}"
+        lines.append((*_start(here), found, *degrees, *millimetres, f"{values['outliers']:.0f}"))
     return lines
 
 

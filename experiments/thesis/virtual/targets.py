@@ -14,17 +14,15 @@ import numpy as np
 
 from experiments import chain
 from experiments.scenario import Scenario, load_data, overridden, set_key
+from experiments.studies.shared.trackers import Design
+from experiments.thesis.virtual.plan import Plan
 from radiometry.geometry import FloatArray
 from scenes.marker import MarkerDesign
 from scenes.tags import DotPlate, TagPlate, view_of
 from scenes.view import View
 
-Design = MarkerDesign | TagPlate | DotPlate
-
-#: Steps of the angles [deg]: in full, as the thesis has it, and for a first look.
-STEP_DEG, QUICK_STEP_DEG = 0.1, 6.0
-#: Tests of a first look: far, where planar markers flip, and the improved design.
-QUICK_TESTS = (1, 2, 9)
+#: Steps of the angles where the table does not say otherwise, as the thesis has them [deg].
+STEP_DEG = 0.1
 #: Pixels around a target that are rendered with it.
 _MARGIN_PX = 8
 
@@ -69,18 +67,19 @@ class Run:
         return np.column_stack([pitch, pitch if self.rotation == "both" else np.zeros_like(pitch)])
 
 
-def runs(quick: bool = False, step_deg: float | None = None) -> list[Run]:
-    """All runs; in a first look some tests with few frames. `step_deg` replaces the table's steps of tilt."""
+def runs(plan: Plan) -> list[Run]:
+    """The plan's runs, in the order of the data file."""
     found = []
     for entry in table()["run"]:
-        if quick and entry.get("test", 0) not in QUICK_TESTS:
+        test = entry.get("test", 0)
+        if plan.tests and test not in plan.tests:
             continue
-        step = step_deg or (QUICK_STEP_DEG if quick else entry.get("step_deg", STEP_DEG))
+        step = plan.step_deg or entry.get("step_deg", STEP_DEG)
         span = table()["rotation"][entry["rotation"]]
         count = round((span["to_deg"] - span["from_deg"]) / step) + 1
         # Rounded, so that 0.1° steps hit 0 and are the same numbers everywhere.
         angles = tuple(float(a) for a in np.linspace(span["from_deg"], span["to_deg"], count).round(6))
-        found.append(Run(entry.get("test", 0), entry["target"], entry["range_m"], entry["rotation"], angles))
+        found.append(Run(test, entry["target"], entry["range_m"], entry["rotation"], angles))
     return found
 
 

@@ -13,7 +13,9 @@ from drawn import check_figure
 
 from experiments.reporting.figures import new_figure
 from experiments.studies.budget.page import page as budget_page
-from experiments.thesis.tradeoff import study as tradeoff
+from experiments.thesis.tradeoff import figures as tradeoff_figures
+from experiments.thesis.tradeoff.problem import load as load_problem
+from experiments.thesis.tradeoff.study import run as run_tradeoff
 
 
 @pytest.mark.parametrize(
@@ -35,9 +37,9 @@ def test_every_figure_of_a_budget_is_drawn_and_labelled(make_budget, case):
         assert plot.caption
 
 
-def test_every_figure_of_a_tradeoff_is_drawn_and_labelled(tmp_path):
-    found = tradeoff.run(tmp_path)
-    for figure in (tradeoff.score_figure(found), tradeoff.weight_figure(found)):
+def test_every_figure_of_a_tradeoff_is_drawn_and_labelled():
+    found = run_tradeoff(load_problem()).dataset
+    for figure in (tradeoff_figures.score_figure(found), tradeoff_figures.weight_figure(found)):
         check_figure(figure)
 
 

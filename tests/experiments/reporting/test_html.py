@@ -28,8 +28,9 @@ from experiments.scenario import Scenario
 from experiments.scenario.toml import toml_text
 from experiments.studies.budget.page import MAX_PICTURED_RANGES
 from experiments.studies.budget.page import page as budget_page
-from experiments.thesis.tradeoff import report as tradeoff_report
-from experiments.thesis.tradeoff import study as tradeoff
+from experiments.thesis.tradeoff.page import page as tradeoff_page
+from experiments.thesis.tradeoff.problem import load as load_problem
+from experiments.thesis.tradeoff.study import run as run_tradeoff
 
 HOSTILE = """</title><script>alert('1')</script><img src=x onerror=alert(2)> & "quoted" ]]>"""
 VOID = {"meta", "br", "image", "img", "link", "input"}
@@ -235,9 +236,8 @@ def test_budget_has_the_four_parts_in_order(html):
     check_report(html)
 
 
-def test_tradeoff_has_the_four_parts_in_order(tmp_path):
-    problem = tradeoff.THESIS_PROBLEM.read_text(encoding="utf-8")
-    check_report(tradeoff_report.html(tradeoff.run(tmp_path), problem, tradeoff.thesis_cells(), "mantis tradeoff"))
+def test_tradeoff_has_the_four_parts_in_order():
+    check_report(tradeoff_page(run_tradeoff(load_problem()), "mantis tradeoff").html())
 
 
 def test_every_quick_report_has_the_four_parts_in_order():

@@ -110,7 +110,9 @@ def test_a_window_shows_what_the_whole_frame_shows(small) -> None:
     part = rates[0][y : y + cut.camera.height_px, x : x + cut.camera.width_px]
     assert np.abs(part - rates[1]).max() < 0.02 * rates[0].max()
     seconds = chain.solve_exposure(whole, chain.link_budget(whole, "sunlit"), "auto")
-    [a], [b] = (trials.draw(s, rate, "sunlit", [seconds]) for s, rate in zip((whole, cut), rates, strict=True))
+    [a], [b] = (
+        trials.draw(chain.Case(s, "sunlit"), rate, [seconds]) for s, rate in zip((whole, cut), rates, strict=True)
+    )
     for name in ("snr", "cnr"):
         apart = abs(a.values[f"{name}_rendered"] - b.values[f"{name}_rendered"])
         # Two independent 95 % intervals, widened to 99.9 %.

@@ -1,0 +1,24 @@
+"""The noise model, given or estimated."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from detector.sensor.noise import NoiseModel, estimate_noise
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"gain_dn_per_electron": -1.0}, {"read_noise_dn": np.nan}, {"offset_dn": np.inf}, {"saturation_dn": 10.0}],
+)
+def test_refuses_an_impossible_noise_model(change):
+    with pytest.raises(ValueError, match=next(iter(change))):
+        NoiseModel(**{"gain_dn_per_electron": 1.0, "read_noise_dn": 1.0, "offset_dn": 64.0, **change})
+
+
+def test_the_estimated_noise_is_the_noise():
+    rng = np.random.default_rng(18)
+    assert estimate_noise(rng.normal(100, 3, (200, 200))).read_noise_dn == pytest.approx(3, rel=0.1)
+    clipped = np.clip(rng.normal(100, 30, (200, 200)), 0, 120)
+    assert estimate_noise(clipped).saturation_dn == 120
