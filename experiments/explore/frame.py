@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from detector.features import find_features
-from detector.pose.pose import solve_pose
+from detector.sensor.noise import sensor_noise
+from detector.sensor.pair import difference
 from detector.sensor.sensor import Sensor, expose
 from experiments import chain
 from experiments.chain.trials import known_values
@@ -20,7 +20,6 @@ from experiments.reporting import pictures
 from experiments.reporting.detection import as_record, describe
 from experiments.reporting.formatting import number, percent
 from experiments.scenario import Scenario
-from experiments.studies.glare.fusion import difference
 from radiometry import link
 from radiometry.geometry import FloatArray
 from radiometry.thesis import PrintedModel
@@ -52,11 +51,8 @@ def shoot(scenario: Scenario, rate: FloatArray, off_rate: FloatArray | None, sec
     # The frame without LEDs is the next of the same noise stream.
     rng = chain.frame_generator(scenario, scenario.illumination, seconds, trial=1)
     dark = expose(scenario.sensor, off_rate, seconds, rng).dn
-    image, noise = difference(scenario.sensor, frame, dark, np.zeros(2))
-    camera = chain.view(scenario).camera
-    features = find_features(image, scenario.marker, camera, noise, scenario.leds.ring_radius_m)
-    pose = solve_pose(features, scenario.marker, camera) if features.detected else None
-    return Shot(image, frame, chain.Detection(features, pose))
+    image, _ = difference(frame, dark, sensor_noise(scenario.sensor))
+    return Shot(image, frame, chain.detect(scenario, frame, off=dark))
 
 
 def rendered(scenario: Scenario, prepared: Prepared, drive: float, pair: bool) -> dict[str, Any]:

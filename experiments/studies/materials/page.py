@@ -83,8 +83,19 @@ def page(result: MaterialsResult, command: str, named: bool = False) -> Page:
             "≤ 1).",
             "A name that ends in _eol is the same material at the end of its life: each lobe times a factor.",
         ),
+        limits=_limits(rows),
         extra={"wavelength_nm": WAVELENGTH_NM, "materials": [asdict(row) for row in rows]},
         files={"data/materials.csv": as_csv(rows)},
+    )
+
+
+def _limits(rows: tuple[MaterialRow, ...]) -> tuple[str, ...]:
+    assumed = [row.short_name for row in rows if row.assumption]
+    names = f"These materials have a figure that is an assumption: {', '.join(assumed)}." if assumed else ""
+    return (
+        names or "No material shown here has a figure that is an assumption.",
+        "A spectrum is held constant beyond its first and last wavelength.",
+        "Retroreflection depends on observation and entrance angle alone, not on how a tape is turned about its normal.",
     )
 
 
