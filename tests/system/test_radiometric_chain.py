@@ -44,9 +44,17 @@ class Plate:
         """Electron rate of every clear pixel from `radiometry.link`, with the lens's fall-off."""
         view, response, strength = chain.view(scenario), chain.responsivity(scenario), chain.source_spectra(scenario)
         wavelength, brdf = link.band_grid(response), library.load("diffuse_reference").brdf
-        viewer, leds = view.to_marker(np.zeros(3)), view.to_marker(scenario.leds.positions_m())
+        viewer = view.to_marker(np.zeros(3))
         transports = {
-            "led": link.ring_transport(self.points_m, viewer, leds, view.rotation[2], scenario.leds, brdf, wavelength),
+            "led": link.ring_transport(
+                self.points_m,
+                viewer_m=viewer,
+                leds_m=view.to_marker(scenario.leds.positions_m()),
+                axis=view.rotation[2],
+                ring=scenario.leds,
+                brdf=brdf,
+                wavelength_nm=wavelength,
+            ),
             "sun": link.sun_transport(self.points_m, viewer, view.sun_in_marker, brdf, wavelength),
         }
         rates = [
