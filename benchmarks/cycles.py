@@ -54,12 +54,18 @@ def _cycles(view: Any, light: str, seeds: int, samples: int) -> tuple[float, Any
     to_world[:3, :3], to_world[:3, 3] = view.rotation.T @ np.diag([1.0, -1.0, -1.0]), view.to_marker(np.zeros(3))
     sigma = float(np.sqrt(camera.psf_sigma_px**2 + 1 / 12))
     request: dict[str, Any] = {
-        "albedos": {key: float(library.load(material).diffuse(float(view.nodes_nm[0]))) for key, (_, material) in meshes.items()},
-        "matrix": to_world.tolist(), "fov_rad": float(2 * np.arctan(camera.width_px / 2 / camera.focal_px[0])),
-        "width": camera.width_px, "height": camera.height_px,
+        "albedos": {
+            key: float(library.load(material).diffuse(float(view.nodes_nm[0]))) for key, (_, material) in meshes.items()
+        },
+        "matrix": to_world.tolist(),
+        "fov_rad": float(2 * np.arctan(camera.width_px / 2 / camera.focal_px[0])),
+        "width": camera.width_px,
+        "height": camera.height_px,
         "filter_px": 4 * sigma,  # Cycles' Gaussian is exp(−2 (6 x / (3 width))²)
-        "samples": samples, "seeds": seeds, "threads": os.cpu_count(),
-    }  # fmt: skip
+        "samples": samples,
+        "seeds": seeds,
+        "threads": os.cpu_count(),
+    }
     if light == "sun":
         request |= {"sun": view.sun_in_marker.tolist(), "sun_diameter_rad": 2 * view.sun.angular_radius_rad}
     else:

@@ -25,8 +25,10 @@ def run(quick: bool) -> list[Row]:
     points = _POINTS[:3] if quick else _POINTS
     done = subprocess.run(
         [sys.executable, "-c", f"from benchmarks.memory import job; job({points!r})"],
-        check=True, capture_output=True, text=True,
-    )  # fmt: skip
+        check=True,
+        capture_output=True,
+        text=True,
+    )
     found = {int(n): values for n, values in json.loads(done.stdout.splitlines()[-1]).items()}
     rows = []
     low, high = points[-3] if quick else 1000, points[-1]

@@ -41,9 +41,13 @@ def run_script(script: str, request: dict[str, Any], timeout_s: float = 300) -> 
     single = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
     done = subprocess.run(
         [interpreter(), "-P", str(Path(__file__).with_name(script))],
-        input=json.dumps(request), capture_output=True, text=True, timeout=timeout_s, check=False,
+        input=json.dumps(request),
+        capture_output=True,
+        text=True,
+        timeout=timeout_s,
+        check=False,
         env={**os.environ, **single, "PYTHONPATH": ""},
-    )  # fmt: skip
+    )
     if done.returncode != 0:
         lines = (done.stderr or done.stdout).strip().splitlines() or ["no message"]
         raise RuntimeError(lines[-1])

@@ -104,9 +104,14 @@ def _before(quick: bool) -> list[Row]:
     with tempfile.TemporaryDirectory() as out:
         request = {"overrides": attitudes, "seeds": seeds, "out": f"{out}/images.npz"}
         done = subprocess.run(
-            [sys.executable, "-P", str(Path(__file__).with_name("before_job.py"))], input=json.dumps(request),
-            capture_output=True, text=True, check=True, cwd=folder, env={**os.environ, "PYTHONPATH": folder},
-        )  # fmt: skip
+            [sys.executable, "-P", str(Path(__file__).with_name("before_job.py"))],
+            input=json.dumps(request),
+            capture_output=True,
+            text=True,
+            check=True,
+            cwd=folder,
+            env={**os.environ, "PYTHONPATH": folder},
+        )
         theirs = dict(np.load(f"{out}/images.npz"))
     answer = json.loads(done.stdout.splitlines()[-1])
     rows = [Row(stage, 1e3 * answer[stage], "ms", series="before") for stage in ("trace", "gather", "all")]

@@ -23,9 +23,15 @@ prysm draws Gaussian counts and truncates. The best frame of each level counts.
 COLUMNS = "level"
 
 _LEVELS: dict[str, Any] = {
-    "0 e⁻": 0.0, "0.5 e⁻": 0.5, "3 e⁻": 3.0, "9 e⁻": 9.0, "100 e⁻": 100.0, "10 000 e⁻": 1e4, "saturated": 1e6,
+    "0 e⁻": 0.0,
+    "0.5 e⁻": 0.5,
+    "3 e⁻": 3.0,
+    "9 e⁻": 9.0,
+    "100 e⁻": 100.0,
+    "10 000 e⁻": 1e4,
+    "saturated": 1e6,
     "marker on dark": [3.0, 6500.0],
-}  # fmt: skip
+}
 _SHAPE = (1024, 1024)
 
 
@@ -47,12 +53,19 @@ def run(quick: bool) -> list[Row]:
         for name, chain in chains.items()
     }
     request = {
-        "height": _SHAPE[0], "width": _SHAPE[1], "levels": _LEVELS, "seconds": seconds,
+        "height": _SHAPE[0],
+        "width": _SHAPE[1],
+        "levels": _LEVELS,
+        "seconds": seconds,
         "sensor": {
-            "full_well": sensor.full_well_electrons, "read_noise": sensor.read_noise_electrons,
-            "gain": sensor.gain_electrons_per_dn, "offset_dn": sensor.offset_dn, "largest_dn": sensor.max_dn, "bits": sensor.bits,
+            "full_well": sensor.full_well_electrons,
+            "read_noise": sensor.read_noise_electrons,
+            "gain": sensor.gain_electrons_per_dn,
+            "offset_dn": sensor.offset_dn,
+            "largest_dn": sensor.max_dn,
+            "bits": sensor.bits,
         },
-    }  # fmt: skip
+    }
     rows = []
     for name, speeds in peers.run_script("sensor_job.py", request).items():
         version = peers.version({"Pyxel": "pyxel-sim", "GalSim": "galsim"}.get(name, name))

@@ -30,9 +30,13 @@ def pyxel_chain(sensor: dict[str, float], shape: tuple[int, int]) -> Callable[[A
     volts_per_electron = 1e-5
     span = sensor["largest_dn"] * sensor["gain"] * volts_per_electron
     characteristics = Characteristics(
-        quantum_efficiency=1.0, charge_to_volt=ChargeToVoltSettings(value=volts_per_electron), pre_amplification=1.0,
-        full_well_capacity=int(sensor["full_well"]), adc_bit_resolution=int(sensor["bits"]), adc_voltage_range=(0.0, span),
-    )  # fmt: skip
+        quantum_efficiency=1.0,
+        charge_to_volt=ChargeToVoltSettings(value=volts_per_electron),
+        pre_amplification=1.0,
+        full_well_capacity=int(sensor["full_well"]),
+        adc_bit_resolution=int(sensor["bits"]),
+        adc_voltage_range=(0.0, span),
+    )
     detector = CMOS(CMOSGeometry(row=shape[0], col=shape[1]), Environment(temperature=293.0), characteristics)
     seeds = iter(range(1, 10**9))
 
@@ -57,9 +61,14 @@ def prysm_chain(sensor: dict[str, float], shape: tuple[int, int]) -> Callable[[A
     from prysm.detector import Detector
 
     detector = Detector(
-        dark_current=0, read_noise=sensor["read_noise"], bias=sensor["offset_dn"] * sensor["gain"], fwc=sensor["full_well"],
-        conversion_gain=sensor["gain"], bits=int(sensor["bits"]), exposure_time=1,
-    )  # fmt: skip
+        dark_current=0,
+        read_noise=sensor["read_noise"],
+        bias=sensor["offset_dn"] * sensor["gain"],
+        fwc=sensor["full_well"],
+        conversion_gain=sensor["gain"],
+        bits=int(sensor["bits"]),
+        exposure_time=1,
+    )
     return detector.expose
 
 

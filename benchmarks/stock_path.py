@@ -49,10 +49,13 @@ def _stock(view: Any, light: str, seeds: int, samples: int) -> tuple[float, Any]
     camera, node = view.camera, view.nodes_nm[0]
     sigma = float(np.sqrt(camera.psf_sigma_px**2 + 1 / 12))
     film = {
-        "type": "specfilm", "width": camera.width_px, "height": camera.height_px, "component_format": "float32",
+        "type": "specfilm",
+        "width": camera.width_px,
+        "height": camera.height_px,
+        "component_format": "float32",
         "rfilter": {"type": "gaussian", "stddev": sigma},
         "band": {"type": "regular", "wavelength_min": node - 1.0, "wavelength_max": node + 1.0, "values": "0.5,0.5"},
-    }  # fmt: skip
+    }
     strength = {"led": MM_PER_M**2, "sun": 1.0}[light]
     with tempfile.TemporaryDirectory() as folder:
         scene = mi.load_dict(stock_scene(view, {light: strength}, Path(folder), film))

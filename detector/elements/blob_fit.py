@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -112,7 +112,8 @@ def thinned(readings: Readings, every: int) -> Readings:
     if every == 1:
         return readings
     by_pixel = ("u", "v", "blur_v", "data", "saturated", "spill", "extra", "light")
-    return readings._replace(**{name: np.ascontiguousarray(getattr(readings, name)[..., ::every]) for name in by_pixel})
+    kept: dict[str, Any] = {name: np.ascontiguousarray(getattr(readings, name)[..., ::every]) for name in by_pixel}
+    return readings._replace(**kept)
 
 
 @wide_kernel

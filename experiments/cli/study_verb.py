@@ -83,7 +83,6 @@ class StudyVerb:
         condition: what `--require` takes where it is free text; see above.
         writes: what the run itself writes into the folder as it goes, because memory should not hold all of it; empty for
             nothing. Its `run` takes the folder as `out`.
-        stem: name of the page's files; default the verb's.
         resume: what `--resume` does; empty where there is no such option. The study's `run` then takes `kept`, a folder for
             finished parts, which are not run again; it is emptied first without `--resume`, and taken away once all is written.
         plan: options that change the plan.
@@ -101,7 +100,6 @@ class StudyVerb:
     require: Mapping[str, str] | None = None
     condition: str = ""
     writes: str = ""
-    stem: str = ""
     resume: str = ""
     plan: Sequence[PlanOption] = ()
 
@@ -113,9 +111,11 @@ def study_verb(study: StudyVerb) -> click.Command:
     def run(options: Options, source: str | None = None, **given: Any) -> None:
         _run(study, options, source, given)
 
-    rest = f"data, figures, and {study.writes}" if study.writes else "data and figures"
-    written = f"report.html, {study.stem or study.name}.md, {rest}"
-    run.__doc__ = f"{study.help}\n\nWrites {written} into the folder --out (default out/{study.name})."
+    more = f", and {study.writes}," if study.writes else ""
+    run.__doc__ = (
+        f"{study.help}\n\nWrites report.html, the page in Markdown, data and figures{more} into the folder --out (default "
+        f"out/{study.name})."
+    )
     command: Callable[..., Any] = run
     for option in reversed(_options(study)):
         command = option(command)

@@ -11,7 +11,7 @@ from functools import cached_property
 from typing import ClassVar
 
 from markupsafe import Markup
-from matplotlib.figure import Figure as MplFigure
+from matplotlib.figure import Figure
 
 from experiments.reporting.figures import svg_file
 
@@ -33,28 +33,11 @@ class Bullets:
 
 
 @dataclass(frozen=True)
-class Figure:
-    """A drawing and what it shows."""
-
-    svg: Markup
-    caption: str
-
-
-@dataclass(frozen=True)
-class Figures:
-    """Drawings side by side where the page is wide enough, else one below the other, with one caption."""
-
-    kind: ClassVar[str] = "figures"
-    figures: tuple[Figure, ...]
-    caption: str = ""
-
-
-@dataclass(frozen=True)
 class Plot:
     """A drawn figure, what it shows, and the name of its file: ``figures/STUDY-KEY.svg``."""
 
     key: str
-    figure: MplFigure
+    figure: Figure
     caption: str
 
     @cached_property
@@ -182,7 +165,7 @@ class Details:
     printed: bool = False
 
 
-Block = Text | Bullets | Figures | Plots | Strip | Download | Table | Code | Details
+Block = Text | Bullets | Plots | Strip | Download | Table | Code | Details
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import xarray as xr
 
 from experiments.reporting.blocks import Block, Bullets, Card, Details, Download, Plot, Plots, Section, Table
 from experiments.reporting.files import write_netcdf, write_text
-from experiments.reporting.html import Report, drawn, render
+from experiments.reporting.html import render
 from experiments.reporting.markdown import escaped, markdown, table_file
 from experiments.reporting.plain import plain
 from experiments.reporting.sections import assumptions, footer, made_by, reproduction, versions_text
@@ -132,26 +132,7 @@ class Page:
             seed = int(float(attributes["seed"])) if "seed" in attributes else None
             seed = seed if self.scenario is None else self.scenario.seed
             again, foot = list(made_by(self.command, seed, hashes, versions)), versions
-        sections = tuple(
-            Section(s.anchor, s.title, tuple(drawn(block, self.name) for block in s.blocks), s.wordy)
-            for s in self.sections
-        )
-        return render(
-            Report(
-                title=self.title,
-                study=f"Mantis {self.study}",
-                headline=self.headline,
-                passed=self.passed,
-                cards=self.cards,
-                advice=self.findings,
-                evidence=sections,
-                assumptions=tuple(blocks),
-                reproduction=tuple(again),
-                footer=foot,
-                about=self.about,
-                advice_title=self.findings_title,
-            )
-        )
+        return render(self, blocks, again, foot)
 
     def write(self, out: Path) -> None:
         """Write dataset, tables, figures and pages into a folder, each whole or not at all."""

@@ -128,13 +128,13 @@ def _key(section: str, name: str, part: Schema) -> Key:
     tabular = all(kind.startswith("rows") for kind in kinds)
     bare = unit is None or tabular or unit[1] == "-"
     return Key(
-        section,
-        name,
-        " or ".join(kinds),
-        part.get("default"),
-        next((text for text in map(_bounds, options) if text), ""),
-        "" if unit is None or bare else unit[1],
-        description if tabular else _UNIT.sub("", description),
+        section=section,
+        name=name,
+        kind=" or ".join(kinds),
+        default=part.get("default"),
+        bounds=next((text for text in map(_bounds, options) if text), ""),
+        unit="" if unit is None or bare else unit[1],
+        meaning=description if tabular else _UNIT.sub("", description),
     )
 
 

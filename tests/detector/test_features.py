@@ -1,113 +1,38 @@
-"""Detection, corners and blobs on synthetic frames of known geometry."""
+"""Detection and features on synthetic frames of known geometry."""
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 import pytest
+from marker_frames import MARKER, MEDIUM, POSES, SMALL, blob_error, frame, true_corners
 from scipy.stats import beta, chi2
 from synthetic import NOISE, electrons, expose, foil, pose_at, range_for
 
-from detector.elements.slits import Slits
-from detector.features import Features, find_features
+from detector.features import find_features
 from detector.sensor.noise import NoiseModel
-from radiometry.geometry import FloatArray
 from radiometry.optics import Camera
-from scenes.marker import Element, MarkerDesign
-
-MARKER = MarkerDesign()
-VBS = Camera()
-#: The same optics behind fewer pixels, to keep the frames quick.
-SMALL = Camera(width_px=128, height_px=128)
-MEDIUM = Camera(width_px=256, height_px=256)
-
-
-@lru_cache(maxsize=64)
-def frame(
-    range_m: float,
-    pitch: float,
-    yaw: float,
-    roll: float,
-    shift: tuple[float, float],
-    camera: Camera,
-    white: float,
-    level: float = 0.2,
-    absorber: float = 0.02,
-    samples: int = 8,
-    seed: int = 1,
-    marker: MarkerDesign = MARKER,
-    light_ring_m: float = 0.0,
-) -> FloatArray:
-    """Mean electrons of a marker at some place; the same frame is drawn once."""
-    rotation, translation = pose_at(range_m, pitch, yaw, roll, shift, camera)
-    rng = np.random.default_rng(seed)
-    light = {"white": white, "absorber": absorber, "foil_level": level, "ring_radius_m": light_ring_m}
-    return electrons(marker, camera, rotation, translation, rng, samples=samples, **light)
-
-
-def true_corners(
-    range_m: float, pitch: float, yaw: float, roll: float, shift: tuple[float, float], camera: Camera
-) -> FloatArray:
-    rotation, translation = pose_at(range_m, pitch, yaw, roll, shift, camera)
-    return camera.project(MARKER.corners_m @ rotation.T + translation)
-
-
-def blob_error(found: Features, element: Element, camera: Camera, *pose: object) -> float:
-    """Signed distance of a found blob from the true one along the element [px]."""
-    rotation, translation = pose_at(*pose, camera=camera)  # type: ignore[arg-type]
-    u = element.blob_offset_m(-rotation.T @ translation)
-    points = element.centre_m + np.array([[u], [u + 1e-5]]) * element.along
-    at, beside = camera.project(points @ rotation.T + translation)
-    direction = (beside - at) / np.linalg.norm(beside - at)
-    return float((found.blobs_px[element.name] - at) @ direction)
-
-
-POSES = [
-    (2.0, 20.0, -12.0, 10.0, (3.3, -2.1)),
-    (3.0, -35.0, 10.0, 80.0, (0.4, 1.7)),
-    (4.4, 15.0, 35.0, -20.0, (-1.2, 0.6)),
-    (6.0, 0.0, 0.0, 0.0, (0.0, 0.0)),
-    (8.0, 10.0, -20.0, 200.0, (0.25, 0.75)),
-    (10.0, 0.0, 5.0, 45.0, (0.5, 0.5)),
-]
+from scenes.marker import MarkerDesign
 
 
 @pytest.mark.parametrize("pose", POSES)
 def test_corners_are_unbiased_and_in_the_marker_s_order(pose):
-    mean = frame(*pose, MEDIUM, 6500.0)
+    mean = frame(pose, MEDIUM)
     rng = np.random.default_rng(2)
     found = [find_features(expose(mean, rng), MARKER, MEDIUM, NOISE) for _ in range(8)]
     assert all(f.detected and f.identity == 0 for f in found)
-    error = np.array([f.corners_px for f in found]) - true_corners(*pose, MEDIUM)
+    error = np.array([f.corners_px for f in found]) - true_corners(pose, MEDIUM)
     assert np.abs(error.mean(0)).max() < 0.05
     assert np.sqrt((error**2).mean()) < (0.02 if pose[0] < 5 else 0.04)
-
-
-@pytest.mark.parametrize("pose", POSES)
-def test_blobs_are_unbiased(pose):
-    # Eight sub-pixels a pixel, as elsewhere, would themselves move a blob by 0.03 px.
-    mean = frame(*pose, MEDIUM, 6500.0, samples=20)
-    rng = np.random.default_rng(3)
-    found = [find_features(expose(mean, rng), MARKER, MEDIUM, NOISE, light_ring_m=0.0) for _ in range(8)]
-    seen = 0
-    for element in MARKER.elements:
-        errors = [blob_error(f, element, MEDIUM, *pose) for f in found if f.blobs_px[element.name] is not None]
-        if len(errors) == len(found):
-            seen += 1
-            assert abs(np.mean(errors)) < 0.03
-            assert max(f.blob_sigma_px[element.name] for f in found) < 0.05
-    assert seen >= 2
 
 
 def test_the_reported_covariance_is_the_scatter():
     # Few electrons, so that noise rules over what the model of the blur leaves.
     pose = (4.4, 12.0, -8.0, 25.0, (0.3, 0.2))
-    mean = frame(*pose, SMALL, 600.0, 0.0, 0.02, 16)
+    mean = frame(pose, SMALL, white=600.0, foil_level=0.0, samples=16)
     rng = np.random.default_rng(4)
     found = [find_features(expose(mean, rng), MARKER, SMALL, NOISE, light_ring_m=0.0) for _ in range(120)]
     assert all(f.detected for f in found)
-    error = np.array([f.corners_px for f in found]) - true_corners(*pose, SMALL)
+    error = np.array([f.corners_px for f in found]) - true_corners(pose, SMALL)
     joint = sum(
         e.ravel() @ np.linalg.solve(f.joint_covariance_px2, e.ravel()) for e, f in zip(error, found, strict=True)
     )
@@ -122,7 +47,7 @@ def test_the_reported_covariance_is_the_scatter():
     )
     assert 0.75 * freedom < single < 1.25 * freedom
     pulls = [
-        blob_error(f, e, SMALL, *pose) / f.blob_sigma_px[e.name]
+        blob_error(f, e, pose, SMALL) / f.blob_sigma_px[e.name]
         for f in found
         for e in MARKER.elements
         if f.blobs_px[e.name] is not None
@@ -145,7 +70,7 @@ def _found(
         for _ in range(shots):
             f = find_features(expose(mean, rng), MARKER, camera, NOISE)
             if f.detected:
-                assert np.abs(f.corners_px - true_corners(*pose, camera)).max() < 0.5
+                assert np.abs(f.corners_px - true_corners(pose, camera)).max() < 0.5
                 detected += 1
     return detected, poses * shots
 
@@ -173,10 +98,10 @@ def test_detects_before_foil_brighter_than_itself(level):
 def test_decodes_white_far_beyond_saturation(times):
     # The well holds 32 600 electrons. At 2e7 the absorber must stay dark for anything to be seen.
     pose = (range_for(8.0, MARKER, MEDIUM), 8.0, -6.0, 30.0, (0.4, 0.1))
-    mean = frame(*pose, MEDIUM, 32_600.0 * times, 0.0, 1e-5, 8)
+    mean = frame(pose, MEDIUM, white=32_600.0 * times, foil_level=0.0, absorber=1e-5)
     f = find_features(expose(mean, np.random.default_rng(8)), MARKER, MEDIUM, NOISE)
     assert f.detected, f.reason
-    error = f.corners_px - true_corners(*pose, MEDIUM)
+    error = f.corners_px - true_corners(pose, MEDIUM)
     assert np.abs(error).max() < 0.15
     assert np.abs(error.mean(0)).max() < 0.05
 
@@ -185,7 +110,7 @@ def test_detects_low_contrast_in_full_bit_depth():
     # 4 DN over 1.4 DN of noise, four pixels a bit: below one grey level of the frame mapped to eight bits.
     faint = NoiseModel(gain_dn_per_electron=1.0, read_noise_dn=1.0, offset_dn=200.0, saturation_dn=16383.0)
     pose = (range_for(4.0, MARKER, SMALL), 10.0, 5.0, 20.0, (0.0, 0.0))
-    mean = frame(*pose, SMALL, 5.0, 0.0, 0.02, 6)
+    mean = frame(pose, SMALL, white=5.0, foil_level=0.0, samples=6)
     rng = np.random.default_rng(9)
     found = [find_features(expose(mean, rng, faint), MARKER, SMALL, faint) for _ in range(20)]
     assert sum(f.detected for f in found) >= 19
@@ -213,7 +138,7 @@ def test_finds_no_marker_where_there_is_none(kind):
 
 def test_another_identity_is_named_but_not_detected():
     other = MarkerDesign(identity=7)
-    mean = frame(4.0, 5.0, 5.0, 10.0, (0.0, 0.0), SMALL, 6500.0, 0.0, 0.02, 8, 1, other)
+    mean = frame((4.0, 5.0, 5.0, 10.0, (0.0, 0.0)), SMALL, foil_level=0.0, marker=other)
     image = expose(mean, np.random.default_rng(11))
     assert find_features(image, other, SMALL, NOISE).identity == 7
     f = find_features(image, MARKER, SMALL, NOISE)
@@ -222,73 +147,18 @@ def test_another_identity_is_named_but_not_detected():
     assert "7" in (f.reason or "")
 
 
-def test_a_blob_beyond_the_end_of_its_element_is_dropped_and_said_so():
-    # Turned so that the camera sees top and bottom towards opposite ends: one of a pair leaves its opening.
-    f = find_features(
-        expose(frame(3.0, 0.0, 30.0, 0.0, (0.0, 0.0), MEDIUM, 6500.0), np.random.default_rng(12)), MARKER, MEDIUM, NOISE
-    )
-    missing = [name for name in ("top", "bottom") if f.blobs_px[name] is None]
-    assert len(missing) == 1
-    assert f"{missing[0]} blob: cut off" in (f.reason or "") or f"{missing[0]} blob: no light" in (f.reason or "")
-    assert missing[0] not in f.blob_sigma_px
-    assert not any(missing[0] in key for key in f.virtual_points_px)
-    assert len(f.virtual_points_px) == 2
-
-
-@pytest.mark.parametrize(("yaw", "cut"), [(-19.0, (0.05, 0.2)), (-23.0, (0.2, 0.3))])
-def test_a_blob_that_is_cut_by_the_end_of_its_element_stays_in_place(yaw, cut):
-    pose = (3.0, 4.0, yaw, 5.0, (0.2, -0.3))
-    rotation, translation = pose_at(*pose, camera=MEDIUM)
-    camera_m, element = -rotation.T @ translation, MARKER.elements[0]
-    assert cut[0] < Slits(MARKER, element, camera_m).cut_fraction(float(element.blob_offset_m(camera_m))) < cut[1]
-    rng = np.random.default_rng(20)
-    found = [find_features(expose(frame(*pose, MEDIUM, 6500.0), rng), MARKER, MEDIUM, NOISE, 0.0) for _ in range(12)]
-    errors = np.array([blob_error(f, element, MEDIUM, *pose) for f in found])
-    assert abs(errors.mean()) < 0.02
-    assert np.sqrt(np.mean(errors**2)) < 1.25 * np.mean([f.blob_sigma_px["top"] for f in found])
-
-
 def test_virtual_points_lie_where_they_project():
     pose = (3.0, 6.0, -5.0, 30.0, (1.0, -0.5))
-    f = find_features(expose(frame(*pose, MEDIUM, 6500.0), np.random.default_rng(13)), MARKER, MEDIUM, NOISE)
+    f = find_features(expose(frame(pose, MEDIUM), np.random.default_rng(13)), MARKER, MEDIUM, NOISE)
     rotation, translation = pose_at(*pose, camera=MEDIUM)
     assert f.reason is None
     for key, point in MARKER.virtual_points_m.items():
         assert f.virtual_points_px[key] == pytest.approx(MEDIUM.project(rotation @ point + translation), abs=0.1)
 
 
-@pytest.mark.parametrize("ring_m", [0.04, 0.08])
-def test_a_ring_of_leds_beside_the_lens_leaves_the_blobs_in_place(ring_m):
-    """Where its radius is told, to 0.03 px; where not, to what is stated then."""
-    pose = (1.5, 8.0, -5.0, 15.0, (0.3, 0.2))
-    camera = Camera(width_px=300, height_px=300)
-    mean = frame(*pose, camera, 6500.0, 0.2, 0.02, 6, 1, MARKER, ring_m)
-    image = expose(mean, np.random.default_rng(14))
-    told = find_features(image, MARKER, camera, NOISE, light_ring_m=ring_m)
-    untold = find_features(image, MARKER, camera, NOISE)
-    for element in MARKER.elements:
-        assert abs(blob_error(told, element, camera, *pose)) < 0.03
-        assert abs(blob_error(untold, element, camera, *pose)) < 3 * untold.blob_sigma_px[element.name]
-        assert untold.blob_sigma_px[element.name] > 2 * told.blob_sigma_px[element.name]
-
-
-@pytest.mark.parametrize("peak", [3.0, 0.95])
-def test_blobs_are_found_from_three_sigma_to_the_edge_of_saturation(peak):
-    pose = (4.4, 5.0, -4.0, 0.0, (0.3, 0.2))
-    white = peak * 28.2 / 0.5 if peak > 1 else peak * 32_600  # a blob is about half as bright as the ring at this size
-    rng = np.random.default_rng(15)
-    mean = frame(*pose, SMALL, white, 0.0)
-    found = [find_features(expose(mean, rng), MARKER, SMALL, NOISE) for _ in range(10)]
-    assert all(f.detected for f in found)
-    for element in MARKER.elements:
-        errors = [blob_error(f, element, SMALL, *pose) for f in found if f.blobs_px[element.name] is not None]
-        assert len(errors) >= 8
-        assert np.sqrt(np.mean(np.square(errors))) < (1.0 if peak > 1 else 0.1)
-
-
 def test_kinds_of_numbers_and_an_unknown_noise_make_little_difference():
     pose = (4.4, 5.0, -4.0, 12.0, (0.3, 0.2))
-    image = expose(frame(*pose, SMALL, 6500.0), np.random.default_rng(16))
+    image = expose(frame(pose, SMALL), np.random.default_rng(16))
     reference = find_features(image, MARKER, SMALL, NOISE)
     for other, noise in (
         (image.astype(float), NOISE),
@@ -327,14 +197,5 @@ def test_degenerate_frames_hold_no_marker(image, noise):
 
 
 def test_a_marker_cut_by_the_image_s_edge_is_not_detected_and_does_no_harm():
-    mean = frame(3.0, 5.0, 5.0, 0.0, (60.0, 0.0), SMALL, 6500.0)
+    mean = frame((3.0, 5.0, 5.0, 0.0, (60.0, 0.0)), SMALL)
     assert not find_features(expose(mean, np.random.default_rng(17)), MARKER, SMALL, NOISE).detected
-
-
-def test_the_field_of_view_is_covered_by_one_element_or_the_other():
-    reach = np.array([[-30.0, "right"], [30.0, "left"]], dtype=object)
-    for pitch, name in reach:
-        mean = frame(3.0, float(pitch), 0.0, 0.0, (0.0, 0.0), MEDIUM, 6500.0)
-        f = find_features(expose(mean, np.random.default_rng(19)), MARKER, MEDIUM, NOISE)
-        assert f.blobs_px[name] is not None
-        assert f.virtual_points_px

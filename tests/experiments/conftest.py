@@ -54,7 +54,15 @@ def _make(*, found: float = 1.0, attitude_deg: float = 0.1, **sections: Any) -> 
     for i, j, k in np.ndindex(shape):
         range_m, illumination, exposure = plan.ranges_m[i], plan.illuminations[j], plan.exposures_s[k]
         sun = 1e7 if illumination == "sunlit" else 0.0
-        rates = chain.LinkBudget(scenario.sensor, 1e10 / range_m**2 + sun, 1e8 / range_m**2 + sun, 0.0, 0.0, 50.0, 1.0)
+        rates = chain.LinkBudget(
+            sensor=scenario.sensor,
+            signal_rate=1e10 / range_m**2 + sun,
+            background_rate=1e8 / range_m**2 + sun,
+            tape_rate=0.0,
+            px_per_bit=0.0,
+            smear_px_per_s=50.0,
+            fill=1.0,
+        )
         seconds = chain.solve_exposure(scenario, rates, exposure)
         charge = rates.at(seconds)
         for name in ("signal", "background", "snr", "cnr"):
@@ -103,10 +111,26 @@ def _frame() -> np.ndarray:
 def _features(found: bool) -> Features:
     names = ("top", "right", "bottom", "left")
     if not found:
-        return Features(None, None, None, dict.fromkeys(names), {}, {}, "no marker found")
+        return Features(
+            identity=None,
+            corners_px=None,
+            corners_covariance_px2=None,
+            blobs_px=dict.fromkeys(names),
+            blob_sigma_px={},
+            virtual_points_px={},
+            reason="no marker found",
+        )
     corners = np.array([[70.0, 50.0], [90.0, 50.0], [90.0, 70.0], [70.0, 70.0]])
     blobs = dict(
         zip(names, [np.array([82.0, 45.0]), None, np.array([78.0, 75.0]), np.array([65.0, 62.0])], strict=True)
     )
     virtual = {"top_left": np.array([82.0, 62.0])}
-    return Features(0, corners, np.zeros((4, 2, 2)), blobs, {}, virtual, "right blob: light is no blob")
+    return Features(
+        identity=0,
+        corners_px=corners,
+        corners_covariance_px2=np.zeros((4, 2, 2)),
+        blobs_px=blobs,
+        blob_sigma_px={},
+        virtual_points_px=virtual,
+        reason="right blob: light is no blob",
+    )

@@ -51,14 +51,21 @@ def test_transport_does_not_change_with_what_is_applied_after_it(small: Scenario
     """The geometry digest lets one basis serve every power, spectrum, F-number, sensor, exposure and seed; nothing else."""
     digest = chain.geometry_digest(small)
     same: list[tuple[str, dict[str, Any]]] = [
-        ("leds", {"intensity_w_sr": 1.0, "fwhm_nm": 2.0, "centroid_nm": 860.0}), ("sensor", {"bits": 10}),
-        ("camera", {"f_number": 4.0, "lens_transmission": 0.5}), ("filter", {"transmission": 0.5}),
-    ]  # fmt: skip
+        ("leds", {"intensity_w_sr": 1.0, "fwhm_nm": 2.0, "centroid_nm": 860.0}),
+        ("sensor", {"bits": 10}),
+        ("camera", {"f_number": 4.0, "lens_transmission": 0.5}),
+        ("filter", {"transmission": 0.5}),
+    ]
     other: list[tuple[str, dict[str, Any]]] = [
-        ("leds", {"ring_radius_m": 0.06}), ("leds", {"half_angle_deg": 20.0}), ("camera", {"focal_length_m": 0.03}),
-        ("camera", {"psf_sigma_px": 1.0}), ("sun", {"phase_deg": 30.0}), ("target", {"yaw_deg": 5.0}),
-        ("marker", {"identity": 3}), ("filter", {"low_nm": 820.0}),
-    ]  # fmt: skip
+        ("leds", {"ring_radius_m": 0.06}),
+        ("leds", {"half_angle_deg": 20.0}),
+        ("camera", {"focal_length_m": 0.03}),
+        ("camera", {"psf_sigma_px": 1.0}),
+        ("sun", {"phase_deg": 30.0}),
+        ("target", {"yaw_deg": 5.0}),
+        ("marker", {"identity": 3}),
+        ("filter", {"low_nm": 820.0}),
+    ]
     for section, values in same:
         assert chain.geometry_digest(changed(small, section, **values)) == digest, (section, values)
     for section, values in other:

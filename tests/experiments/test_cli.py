@@ -125,7 +125,10 @@ MISTAKES: list[tuple[tuple[str, ...], str]] = [
     (set_("budget.ranges_m=[2, 1]"), "ranges_m: must increase"),
     (set_("budget.ranges_m=[]"), "budget.ranges_m: [], expected at least one value (ranges [m]"),
     # millimetres and micrometres for metres
-    (set_("camera.focal_length_m=35"), "camera.focal_length_m: 35, expected less than or equal to 10 (focal length [m])"),
+    (
+        set_("camera.focal_length_m=35"),
+        "camera.focal_length_m: 35, expected less than or equal to 10 (focal length [m])",
+    ),
     (set_("camera.pixel_pitch_x_m=3.45"), "camera.pixel_pitch_x_m: 3.45, expected less than or equal to 0.001"),
     (set_("leds.ring_radius_m=50"), "leds.ring_radius_m: 50, expected less than or equal to 25"),
     (set_('budget.illuminations=["dusk"]'), "'dusk', expected 'eclipse' or 'sunlit'"),
@@ -140,7 +143,10 @@ MISTAKES: list[tuple[tuple[str, ...], str]] = [
     (set_("target.face_material=cheese"), "target.face_material: "),
     (set_("target.facet_m=1e-6"), "facet_m: 1e-06 m is 1000000 facets along face_m"),
     (set_("filter.high_nm=700"), "high_nm: 700 nm must exceed low_nm 800 nm"),
-    (("render", "small.toml", "-o", "new.exr", "--set", "filter.low_nm=850", "--set", "filter.high_nm=851"), "too narrow"),
+    (
+        ("render", "small.toml", "-o", "new.exr", "--set", "filter.low_nm=850", "--set", "filter.high_nm=851"),
+        "too narrow",
+    ),
     (set_("sensor.offset_dn=5000"), "offset_dn 5000: must be below the largest number, 4095 DN"),
     # scenario files
     (("render", "none.toml", "-o", "new.exr"), "none.toml: no such scenario file; shipped: default"),
@@ -180,7 +186,10 @@ MISTAKES: list[tuple[tuple[str, ...], str]] = [
     (("expose", "frame.png", "small.toml", "-o", "new.png"), "frame.png: not a readable OpenEXR file"),
     (("expose", "grey.exr", "small.toml", "-o", "new.png"), "grey.exr: layers Y; expected led.nmNNNN and sun.nmNNNN"),
     (("expose", "led_only.exr", "small.toml", "-o", "new.png"), "led_only.exr: layers led.nm0850; expected"),
-    (("expose", "nan_basis.exr", "small.toml", "-o", "new.png"), "layer sun holds NaN, infinite or negative radiance [sr-1]"),
+    (
+        ("expose", "nan_basis.exr", "small.toml", "-o", "new.png"),
+        "layer sun holds NaN, infinite or negative radiance [sr-1]",
+    ),
     (("expose", "negative.exr", "small.toml", "-o", "new.png"), "holds NaN, infinite or negative radiance"),
     (("expose", "cropped.exr", "small.toml", "-o", "new.png"), "160 × 48 px, the camera 160 × 160 px"),
     (("expose", "two_nodes.exr", "small.toml", "-o", "new.png"), "expected four or more that span the passband"),
@@ -210,7 +219,7 @@ MISTAKES: list[tuple[tuple[str, ...], str]] = [
     (("plot", "text.png", "--y", "cnr_analytic", "-o", "new.svg"), "Missing option '--x'"),
     (("materials", "cheese"), "cheese"),
     (("errata", "--set", "leds.count=3"), "--set"),
-]  # fmt: skip
+]
 
 
 def contents(folder: Path) -> dict[str, tuple[int, int]]:

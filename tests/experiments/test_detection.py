@@ -71,9 +71,12 @@ def test_features_without_a_pose_say_so(seen: chain.Detection) -> None:
 
 @pytest.mark.parametrize("distorted", [False, True], ids=["ideal lens", "distorted lens"])
 def test_an_on_off_pair_of_files_is_seen_as_its_difference(
-    distorted: bool, small: Scenario, small_basis: TransportBasis, tmp_path: Path,
+    distorted: bool,
+    small: Scenario,
+    small_basis: TransportBasis,
+    tmp_path: Path,
     mantis: Callable[..., tuple[int, str, str]],
-) -> None:  # fmt: skip
+) -> None:
     """With and without the noise known: frames in the sensor's numbers, and those stretched by some other camera."""
     lens = ("camera.k1=-0.05",) if distorted else ()
     camera = small.changed(*lens)

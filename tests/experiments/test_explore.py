@@ -194,8 +194,24 @@ def test_ellipses_hold_their_share_and_turn_as_the_covariance(base):
 
 
 def test_a_range_without_a_bit_in_the_frame_has_no_margin(base):
-    lost = chain.LinkBudget(base.sensor, np.nan, np.nan, np.nan, 30.0, 0.0, np.nan)
-    seen = chain.LinkBudget(base.sensor, 1e9, 1e7, 1e9, 5.0, 1.0, 1.0)
+    lost = chain.LinkBudget(
+        sensor=base.sensor,
+        signal_rate=np.nan,
+        background_rate=np.nan,
+        tape_rate=np.nan,
+        px_per_bit=30.0,
+        smear_px_per_s=0.0,
+        fill=np.nan,
+    )
+    seen = chain.LinkBudget(
+        sensor=base.sensor,
+        signal_rate=1e9,
+        background_rate=1e7,
+        tape_rate=1e9,
+        px_per_bit=5.0,
+        smear_px_per_s=1.0,
+        fill=1.0,
+    )
     points = [(r, Budgets(dict.fromkeys(("eclipse", "sunlit"), b))) for r, b in ((0.1, lost), (3.0, seen))]
     curve = closed.curve(base, points, pair=False)
     assert curve["margins"]["cnr"][0] is None

@@ -29,7 +29,7 @@ def dataset() -> xr.Dataset:
         },
         {"range_m": ("range_m", [1.0, 2.0], {"units": "m"}), "illumination": ["eclipse", "sunlit"]},
         {"Conventions": "CF-1.11", "title": "Δ a test"},
-    )  # fmt: skip
+    )
 
 
 def test_a_dataset_comes_back_from_netcdf_as_it_was(tmp_path: Path) -> None:

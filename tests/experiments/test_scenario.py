@@ -21,10 +21,22 @@ DEFAULT = load_scenario()
 
 #: Unit that a field's name ends with -> how its description writes it. Counts (columns, pixels per bit) need none.
 UNITS = {
-    "_w_m2": "[W/m²]", "_w_sr": "[W/sr]", "_deg_s": "[deg/s]", "_electrons_per_s": "[e-/s]", "_electrons_per_dn": "[e-/DN]",
-    "_electrons": "[e-]", "_dn": "[DN]", "_deg": "[deg]", "_nm": "[nm]", "_au": "[au]", "_c": "[deg C]", "_k": "[K]",
-    "_m": "[m]", "_s": "[s]", "_w": "[W]",
-}  # fmt: skip
+    "_w_m2": "[W/m²]",
+    "_w_sr": "[W/sr]",
+    "_deg_s": "[deg/s]",
+    "_electrons_per_s": "[e-/s]",
+    "_electrons_per_dn": "[e-/DN]",
+    "_electrons": "[e-]",
+    "_dn": "[DN]",
+    "_deg": "[deg]",
+    "_nm": "[nm]",
+    "_au": "[au]",
+    "_c": "[deg C]",
+    "_k": "[K]",
+    "_m": "[m]",
+    "_s": "[s]",
+    "_w": "[W]",
+}
 
 
 def leaves(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, Any]]:
@@ -130,16 +142,26 @@ def test_the_digest_does_not_depend_on_how_the_file_is_written(tmp_path: Path) -
 
 
 NUMBERS = {
-    "range_m": st.floats(0.05, 1000), "seed": st.integers(0, 2**63 - 1), "exposure_s": st.floats(1e-9, 100) | st.just("auto"),
+    "range_m": st.floats(0.05, 1000),
+    "seed": st.integers(0, 2**63 - 1),
+    "exposure_s": st.floats(1e-9, 100) | st.just("auto"),
     "illumination": st.sampled_from(["eclipse", "sunlit"]),
     "title": st.text(st.characters(codec="utf-8", exclude_characters="\x7f"), max_size=40),
-    "camera.f_number": st.floats(0.5, 64), "camera.width_px": st.integers(16, 16384), "camera.psf_sigma_px": st.floats(0, 20),
-    "filter.low_nm": st.floats(300, 840), "filter.high_nm": st.floats(900, 1200), "sensor.quantum_efficiency": st.floats(0, 1),
-    "sensor.bits": st.integers(8, 16), "leds.count": st.integers(1, 100_000), "leds.fwhm_nm": st.floats(0.1, 200),
-    "sun.phase_deg": st.floats(0, 180), "target.yaw_deg": st.floats(-80, 80), "marker.size_m": st.floats(1e-3, 1),
+    "camera.f_number": st.floats(0.5, 64),
+    "camera.width_px": st.integers(16, 16384),
+    "camera.psf_sigma_px": st.floats(0, 20),
+    "filter.low_nm": st.floats(300, 840),
+    "filter.high_nm": st.floats(900, 1200),
+    "sensor.quantum_efficiency": st.floats(0, 1),
+    "sensor.bits": st.integers(8, 16),
+    "leds.count": st.integers(1, 100_000),
+    "leds.fwhm_nm": st.floats(0.1, 200),
+    "sun.phase_deg": st.floats(0, 180),
+    "target.yaw_deg": st.floats(-80, 80),
+    "marker.size_m": st.floats(1e-3, 1),
     "budget.ranges_m": st.lists(st.floats(0.05, 1000), min_size=1, max_size=5, unique=True).map(sorted),
     "budget.exposures_s": st.lists(st.floats(1e-9, 100) | st.just("auto"), min_size=1, max_size=3, unique=True),
-}  # fmt: skip
+}
 
 
 @settings(deadline=None, derandomize=True, max_examples=60)
@@ -169,10 +191,14 @@ def test_a_scenario_survives_being_written_and_read(values: dict[str, Any], orde
         ("title=a=b", "title", "a=b"),
         ("budget.ranges_m=[1, 2.5]", "budget.ranges_m", (1.0, 2.5)),
         ('budget.exposures_s=[1e-3, "auto"]', "budget.exposures_s", (1e-3, "auto")),
-        ("sensor.quantum_efficiency=[[800, 0.3], [900, 0.2]]", "sensor.quantum_efficiency", ((800.0, 0.3), (900.0, 0.2))),
+        (
+            "sensor.quantum_efficiency=[[800, 0.3], [900, 0.2]]",
+            "sensor.quantum_efficiency",
+            ((800.0, 0.3), (900.0, 0.2)),
+        ),
         ("leds={count = 7}", "leds.count", 7),
     ],
-)  # fmt: skip
+)
 def test_overrides_are_toml_and_bare_words_are_strings(override: str, key: str, value: object) -> None:
     assert value_of(load_scenario(overrides=(override,)), key) == value
 

@@ -8,8 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from detector.rectify import ideal_camera, rectified
-from detector.sensor.noise import noise_of
 from experiments import chain
 from experiments.scenario import Scenario, ScenarioError, json_schema, load_scenario, validate
 from scenes.render.transport import TransportBasis, View
@@ -85,22 +83,6 @@ def test_the_pose_is_recovered_through_a_distorted_lens() -> None:
 
 def _ideal_corners(view: View) -> np.ndarray:
     return view.camera.without_distortion.project(view.marker.corners_m @ view.rotation.T + view.translation_m)
-
-
-def test_features_far_from_the_axis_keep_their_place_and_spread() -> None:
-    """A rectified frame holds all of a barrel's, and saturation survives the interpolation."""
-    camera = near(camera=DISTORTION | {"k1": -0.6}).camera
-    ideal = ideal_camera(camera)
-    assert ideal.width_px > camera.width_px
-    assert (ideal.width_px - camera.width_px) % 2 == 0
-    noise = noise_of(near().sensor, np.zeros((200, 240), np.uint16))
-    assert noise is not None
-    image = np.full((200, 240), 200, np.uint16)
-    image[60:90, 80:120] = near().sensor.saturation_dn
-    flat = rectified(image, camera, ideal, noise)
-    assert flat.shape == (ideal.height_px, ideal.width_px)
-    assert (flat.min(), flat.max()) == (200, noise.saturation_dn)
-    assert np.count_nonzero(flat >= noise.saturated_above_dn) > 30 * 40
 
 
 # --- blur

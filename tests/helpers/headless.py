@@ -26,19 +26,34 @@ APPLICATIONS = (
     "/Applications/Chromium.app/Contents/MacOS/Chromium",
 )
 FLAGS = (
-    "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--disable-dev-shm-usage", "--no-first-run",
-    "--disable-background-networking", "--disable-component-update", "--disable-extensions", "--disable-sync",
-    "--force-color-profile=srgb", "--remote-debugging-pipe",
-)  # fmt: skip
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--hide-scrollbars",
+    "--disable-dev-shm-usage",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-extensions",
+    "--disable-sync",
+    "--force-color-profile=srgb",
+    "--remote-debugging-pipe",
+)
 #: Puts two descriptors where the browser looks for them, then becomes the browser.
 _BECOME = (
     "import os, sys; os.dup2(int(sys.argv[1]), 3); os.dup2(int(sys.argv[2]), 4); os.execv(sys.argv[3], sys.argv[3:])"
 )
 #: Key -> DevTools' code and virtual key code.
 _KEYS = {
-    "ArrowRight": ("ArrowRight", 39), "ArrowLeft": ("ArrowLeft", 37), "ArrowDown": ("ArrowDown", 40), "Tab": ("Tab", 9),
-    "Home": ("Home", 36), "End": ("End", 35), " ": ("Space", 32), "Enter": ("Enter", 13),
-}  # fmt: skip
+    "ArrowRight": ("ArrowRight", 39),
+    "ArrowLeft": ("ArrowLeft", 37),
+    "ArrowDown": ("ArrowDown", 40),
+    "Tab": ("Tab", 9),
+    "Home": ("Home", 36),
+    "End": ("End", 35),
+    " ": ("Space", 32),
+    "Enter": ("Enter", 13),
+}
 
 
 def find_browser() -> str | None:

@@ -1,4 +1,5 @@
-"""The rules of the house: which package and room may import which, what stays out of start-up, where randomness comes from.
+"""The rules of the house: which package and room may import which, what stays out of start-up, where randomness comes from,
+and how calls are written.
 
 Imports count wherever they stand: at the top of a module, inside a function, or under TYPE_CHECKING.
 """
@@ -7,6 +8,7 @@ from __future__ import annotations
 
 import ast
 import json
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -269,3 +271,34 @@ def test_data_is_read_from_the_installed_packages_alone(package: str, module: st
 @pytest.mark.parametrize(("package", "module"), ALL, ids=[module for _, module in ALL])
 def test_modules_say_what_they_are_for(package: str, module: str) -> None:
     assert ast.get_docstring(modules(package)[module]), module
+
+
+#: Packages whose calls name their arguments and whose layout is the formatter's alone.
+PLAIN = ("radiometry", "materials", "scenes", "experiments")
+#: More arguments than this by position and a reader has to count them.
+MOST_POSITIONAL = 6
+PLAIN_MODULES = [module for package, module in ALL if package in PLAIN]
+
+
+def long_calls(tree: ast.AST) -> list[str]:
+    """Line and function of each call with too many positional arguments; starred ones do not count."""
+    calls = (node for node in ast.walk(tree) if isinstance(node, ast.Call))
+    counts = ((call, sum(not isinstance(value, ast.Starred) for value in call.args)) for call in calls)
+    return [f"line {call.lineno}: {ast.unparse(call.func)}" for call, count in counts if count > MOST_POSITIONAL]
+
+
+@pytest.mark.parametrize("module", PLAIN_MODULES)
+def test_calls_with_many_arguments_name_them(module: str) -> None:
+    assert long_calls(modules(module.split(".")[0])[module]) == [], module
+
+
+def test_positional_arguments_are_counted_as_the_rule_says() -> None:
+    assert long_calls(ast.parse("f(1, 2, 3, 4, 5, 6, *rest, g=7)")) == []
+    assert long_calls(ast.parse("x = a.f(1, 2, 3, 4, 5, 6, 7)")) == ["line 1: a.f"]
+
+
+@pytest.mark.parametrize("package", PLAIN)
+def test_the_formatter_lays_out_every_line(package: str) -> None:
+    for path in sorted((ROOT / package).rglob("*.py")):
+        text = path.read_text(encoding="utf-8")
+        assert not re.search(r"# *fmt: *(skip|off)", text), path.relative_to(ROOT)

@@ -57,9 +57,14 @@ def test_a_rendered_file_holds_the_basis_bit_by_bit(
 
 @pytest.mark.parametrize("illumination", ["eclipse", "sunlit"])
 def test_frames_and_sightings_by_files_equal_those_of_one_process(
-    mantis: Mantis, basis_file: Path, small_file: Path, small: Scenario, small_basis: TransportBasis, illumination: str,
+    mantis: Mantis,
+    basis_file: Path,
+    small_file: Path,
+    small: Scenario,
+    small_basis: TransportBasis,
+    illumination: str,
     tmp_path: Path,
-) -> None:  # fmt: skip
+) -> None:
     frame, seen = in_one_process(small, small_basis, illumination)
     png, electrons, record = tmp_path / "frame.png", tmp_path / "electrons.exr", tmp_path / "detection.json"
     assert mantis("expose", basis_file, small_file, "-o", png, "--set", f"illumination={illumination}")[0] == 0

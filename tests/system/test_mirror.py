@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-MIRRORED = ("radiometry", "materials", "scenes")
+MIRRORED = ("radiometry", "materials", "scenes", "detector")
 
 
 def modules(package: str) -> set[Path]:

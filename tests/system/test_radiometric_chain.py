@@ -26,9 +26,15 @@ from scenes.render.transport import TransportBasis
 Z999 = float(norm.isf(0.001 / 2 / 36))
 
 PLATE = (
-    "target.face_material=diffuse_reference", "target.facet_slope_deg=0", "leds.count=1", "range_m=4",
-    "camera.width_px=128", "camera.height_px=128", "render.frame_samples=4", "render.marker_rays=10000",
-)  # fmt: skip
+    "target.face_material=diffuse_reference",
+    "target.facet_slope_deg=0",
+    "leds.count=1",
+    "range_m=4",
+    "camera.width_px=128",
+    "camera.height_px=128",
+    "render.frame_samples=4",
+    "render.marker_rays=10000",
+)
 
 
 @dataclass(frozen=True)
@@ -44,9 +50,17 @@ class Plate:
         """Electron rate of every clear pixel from `radiometry.link`, with the lens's fall-off."""
         view, response, strength = chain.view(scenario), chain.responsivity(scenario), chain.source_spectra(scenario)
         wavelength, brdf = link.band_grid(response), library.load("diffuse_reference").brdf
-        viewer, leds = view.to_marker(np.zeros(3)), view.to_marker(scenario.leds.positions_m())
+        viewer = view.to_marker(np.zeros(3))
         transports = {
-            "led": link.ring_transport(self.points_m, viewer, leds, view.rotation[2], scenario.leds, brdf, wavelength),
+            "led": link.ring_transport(
+                self.points_m,
+                viewer_m=viewer,
+                leds_m=view.to_marker(scenario.leds.positions_m()),
+                axis=view.rotation[2],
+                ring=scenario.leds,
+                brdf=brdf,
+                wavelength_nm=wavelength,
+            ),
             "sun": link.sun_transport(self.points_m, viewer, view.sun_in_marker, brdf, wavelength),
         }
         rates = [
@@ -183,12 +197,12 @@ def by_quadrature(scenario: Scenario, row: int, column: int) -> tuple[float, flo
         density = np.exp(-0.5 * ((nm - led.centroid_nm) / sigma) ** 2) / (sigma * np.sqrt(2 * np.pi))
         return float(density * nm * 1e-9 / (constants.h * constants.c))
 
+    def through_band(nm: float) -> float:
+        return line(nm) * float(np.interp(nm, knots, [0, 1, 1, 0], left=0, right=0))
+
     ends = led.centroid_nm - 8 * sigma, led.centroid_nm + 8 * sigma
     inside = [float(k) for k in (*knots, led.centroid_nm) if ends[0] < k < ends[1]]
-    through = quad(
-        lambda nm: line(nm) * np.interp(nm, knots, [0, 1, 1, 0], left=0, right=0),
-        *ends, points=inside, epsabs=0, epsrel=1e-9, limit=500,
-    )[0]  # fmt: skip
+    through = quad(through_band, *ends, points=inside, epsabs=0, epsrel=1e-9, limit=500)[0]
     whole = quad(line, *ends, points=[led.centroid_nm], epsabs=0, epsrel=1e-9)[0]
     etendue = camera.pixel_pitch_x_m * camera.pixel_pitch_y_m * np.pi / (4 * camera.f_number**2)
     scale = radiance * etendue * camera.lens_transmission * scenario.sensor.quantum_efficiency * cos_field**4
@@ -217,9 +231,18 @@ def test_narrow_lines_and_steep_filters_lose_no_electrons(band: dict[str, float]
     adaptive quadrature to 5e-4 of the unfiltered line, with the interference filter's shift at each pixel's own angle.
     """
     scenario = load_scenario(
-        overrides=(*PLATE, "target.face_m=3", "camera.width_px=96", "camera.height_px=96", "camera.focal_length_m=0.003",
-                   "leds.half_angle_deg=40", "leds.intensity_w_sr=0.5", "range_m=1", f"leds.fwhm_nm={line_nm}")
-    ).at(filter=band)  # fmt: skip
+        overrides=(
+            *PLATE,
+            "target.face_m=3",
+            "camera.width_px=96",
+            "camera.height_px=96",
+            "camera.focal_length_m=0.003",
+            "leds.half_angle_deg=40",
+            "leds.intensity_w_sr=0.5",
+            "range_m=1",
+            f"leds.fwhm_nm={line_nm}",
+        )
+    ).at(filter=band)
     rate = chain.electron_rate(scenario, chain.transport(scenario), "eclipse")
     for row, column in ((47, 80), (10, 10), (3, 60)):
         expected, unfiltered = by_quadrature(scenario, row, column)
@@ -235,8 +258,8 @@ def test_sunlight_is_integrated_over_the_passband(plate: Plate) -> None:
     nm = np.arange(799.5, 900.5, 0.01) + 0.005
     band, camera = scenario.filter, scenario.camera
     edge = band.edge_nm / 2
-    passed = np.interp(nm, [799.5, band.low_nm - edge, band.low_nm + edge, band.high_nm - edge, band.high_nm + edge, 900.5],
-                       [0, 0, 1, 1, 0, 0])  # fmt: skip
+    bends_nm = [799.5, band.low_nm - edge, band.low_nm + edge, band.high_nm - edge, band.high_nm + edge, 900.5]
+    passed = np.interp(nm, bends_nm, [0, 0, 1, 1, 0, 0])
     photons = scenario.sun.irradiance()(nm) * passed * nm * 1e-9 / (constants.h * constants.c)
     etendue = camera.pixel_pitch_x_m * camera.pixel_pitch_y_m * np.pi / (4 * camera.f_number**2)
     cosine = np.cos(np.radians(scenario.sun.phase_deg))
@@ -253,9 +276,15 @@ def test_rendered_snr_and_cnr_lie_within_their_intervals_as_often_as_stated(monk
     mean lies within the interval in 95 %: no fewer than a binomial law of 95 % gives with a probability of 99.9 %.
     """
     scenario = load_scenario(
-        overrides=("camera.width_px=96", "camera.height_px=96", "render.frame_samples=1", "render.marker_rays=300000",
-                   "range_m=4", "budget.trials=10")
-    )  # fmt: skip
+        overrides=(
+            "camera.width_px=96",
+            "camera.height_px=96",
+            "render.frame_samples=1",
+            "render.marker_rays=300000",
+            "range_m=4",
+            "budget.trials=10",
+        )
+    )
     basis, sensor = chain.transport(scenario), scenario.sensor
     blind = chain.detect(chain.Belief.of(scenario), np.full((96, 96), 64, np.uint16))
     monkeypatch.setattr(chain, "detect", lambda *_: blind)  # 600 frames need no detector to be counted

@@ -48,9 +48,13 @@ _COMMENTS = re.compile(r"(?:<!-- [^\n]* -->\n)+\Z")
 #: Few rays and noise draws, for what is tested is that the words are right; a later `--set` wins.
 QUICK = {"render.marker_rays": "100_000", "render.frame_samples": "1"}
 QUICK_BUDGET = {
-    **QUICK, "budget.ranges_m": "[3, 20]", "budget.trials": "2", "budget.exposures_s": '["auto"]', "camera.width_px": "240",
+    **QUICK,
+    "budget.ranges_m": "[3, 20]",
+    "budget.trials": "2",
+    "budget.exposures_s": '["auto"]',
+    "camera.width_px": "240",
     "camera.height_px": "240",
-}  # fmt: skip
+}
 
 Mantis = Callable[..., tuple[int, str, str]]
 

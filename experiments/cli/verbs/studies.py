@@ -113,7 +113,6 @@ validate = study_verb(
         "cross-checks.\n\nSCENARIO gives camera, LEDs and materials. Takes some ten minutes in full on two idle cores.",
         quick="16 geometries instead of 180: a first look within a minute.",
         require={"agrees": "every cell and every cross-check agree"},
-        stem="validation",
     )
 )
 

@@ -92,7 +92,15 @@ def _cards(result: BudgetResult, summary: Summary) -> tuple[Card, ...]:
         )
         title = ILLUMINATION_NAMES[case.illumination].capitalize()
         cards.append(
-            Card(title, _where(case), note, case.failures, case.closes, "Other exposures of the plan", remarks)
+            Card(
+                title=title,
+                large=_where(case),
+                note=note,
+                lines=case.failures,
+                passed=case.closes,
+                remarks_title="Other exposures of the plan",
+                remarks=remarks,
+            )
         )
     return tuple(cards)
 

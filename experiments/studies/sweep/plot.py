@@ -53,15 +53,8 @@ def draw_slice(results: Path, x: str, y: str, hue: str | None, select: tuple[str
     for k, value in enumerate([None] if hue is None else dict.fromkeys(values[hue].values.tolist())):
         line = (values if value is None else _with_value(values, hue, value, x)).sortby(x)
         for name in names:
-            _draw(
-                axes,
-                line,
-                x,
-                name,
-                f"C{k}",
-                f"{value}" if name == names[0] and hue is not None else None,
-                len(names) > 1,
-            )
+            label = f"{value}" if name == names[0] and hue is not None else None
+            _draw(axes, line, x, name, colour=f"C{k}", label=label, paired=len(names) > 1)
     axes.set_xlabel(_label(dataset[x]))
     axes.set_ylabel(_label(dataset[names[0]], len(names) > 1))
     for axis, shown in ((axes.set_xscale, values[x]), (axes.set_yscale, values[names[0]])):
@@ -104,7 +97,7 @@ def _with_value(values: xr.Dataset, hue: str | None, value: Any, x: str) -> xr.D
     return chosen.squeeze(dim)
 
 
-def _draw(axes: Any, line: xr.Dataset, x: str, name: str, colour: str, label: str | None, paired: bool) -> None:
+def _draw(axes: Any, line: xr.Dataset, x: str, name: str, *, colour: str, label: str | None, paired: bool) -> None:
     style, marker = _PAIR[name[name.rindex("_") :]] if paired else ("-", "o")
     if line[x].dims != (x,):  # points that also differ in other keys: no line joins them
         style, marker = "", "o" if marker or not paired else "_"

@@ -177,9 +177,16 @@ def _tape_radiance(scenario: Scenario, pattern: bool = True, angles: bool = True
         return value if pattern else value / leds.pattern(-led @ axis)
 
     centre_nm = np.array([leds.centroid_nm])
-    return float(
-        link.ring_transport(points, viewer, view.to_marker(leds.positions_m()), axis, leds, brdf, centre_nm).mean()
+    per_point = link.ring_transport(
+        points,
+        viewer_m=viewer,
+        leds_m=view.to_marker(leds.positions_m()),
+        axis=axis,
+        ring=leds,
+        brdf=brdf,
+        wavelength_nm=centre_nm,
     )
+    return float(per_point.mean())
 
 
 def noise_statistics(

@@ -226,7 +226,10 @@ def indirect_light(scenario: Scenario, samples: int = 4) -> dict[str, float]:
     for light in chain.source_spectra(scenario):
         node = scenario.leds.centroid_nm
         direct, full = (
-            stock.render_subpixels(view, region, 0, round(node), light, 1, samples, depth) for depth in (2, 4)
+            stock.render_subpixels(
+                view, region, pad=0, node_nm=round(node), light=light, seed=1, spp=samples, depth=depth
+            )
+            for depth in (2, 4)
         )
         row_scale = direct.shape[0] / camera.height_px
         for name, centres in parts.items():

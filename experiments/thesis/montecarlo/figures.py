@@ -27,7 +27,15 @@ def performance_figure(performance: xr.Dataset, layout: str) -> Any:
             axis.plot(at.range_m, at[f"mean_{quantity}"], color=colour, marker=marker, label=f"{label}: mean")
             axis.plot(at.range_m, at[f"std_{quantity}"], color=colour, ls="--", lw=1, label=f"{label}: st. dev.")
             axis.set_ylabel(f"{quantity} error [{unit}]")
-        _rate_line(axes[1, 2], at.range_m.values, at.outliers.values, at.scenes.values, colour, marker, label)
+        _rate_line(
+            axes[1, 2],
+            at.range_m.values,
+            count=at.outliers.values,
+            total=at.scenes.values,
+            colour=colour,
+            marker=marker,
+            label=label,
+        )
     axes[1, 2].set_ylabel("outliers [%]")
     for axis in axes.flat:
         axis.set_ylim(bottom=0)
@@ -41,8 +49,9 @@ def performance_figure(performance: xr.Dataset, layout: str) -> Any:
 
 
 def _rate_line(
-    axis: Any, x: Any, count: Any, total: Any, colour: str, marker: str, label: str, line: str = "-"
+    axis: Any, x: Any, count: Any, total: Any, *, colour: str, marker: str, label: str, line: str = "-"
 ) -> None:
+    """Percentage of counts with its interval over x."""
     low, high = wilson_interval(count, total)
     percent = 100 * count / total
     bars = np.maximum([percent - 100 * low, 100 * high - percent], 0)
@@ -128,7 +137,16 @@ def outlier_figure(performance: xr.Dataset) -> Any:
     )
     for recipe, solver, count, label, colour, marker, style in lines:
         at = performance.sel(recipe=recipe, layout="flat", solver=solver)
-        _rate_line(left, at.range_m.values, at[count].values, at.scenes.values, colour, marker, label, style)
+        _rate_line(
+            left,
+            at.range_m.values,
+            count=at[count].values,
+            total=at.scenes.values,
+            colour=colour,
+            marker=marker,
+            label=label,
+            line=style,
+        )
     left.axhline(47, color=BLACK, lw=0.8, ls=":")
     left.annotate("printed: 47 %", (1, 41), fontsize=7)
     left.set(xlabel="range [m]", ylabel="poses [%]", ylim=(-3, 103), xticks=[1, 5, 10, 15, 20])
@@ -161,7 +179,16 @@ def single_figure(single: xr.Dataset) -> Any:
             at = single.sel(virtual_points=points, sigma_px=sigma)
             label = f"{points} virtual, σ = {sigma:g} px"
             total = np.full(len(at.range_m), single.attrs["scenes"])
-            _rate_line(axes[0, 0], at.range_m.values, at.wrong.values, total, colour, marker, label, style)
+            _rate_line(
+                axes[0, 0],
+                at.range_m.values,
+                count=at.wrong.values,
+                total=total,
+                colour=colour,
+                marker=marker,
+                label=label,
+                line=style,
+            )
             axes[0, 1].plot(at.range_m, at.median_attitude_deg, color=colour, marker=marker, ls=style, label=label)
     axes[0, 0].set(xlabel="range [m]", ylabel="attitude off by more than 10° [%]")
     axes[0, 1].set(xlabel="range [m]", ylabel="median attitude error [deg]", yscale="log")

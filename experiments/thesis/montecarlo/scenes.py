@@ -204,7 +204,17 @@ def make_scenes(
         points[few] = _random_points(layout.points_m, len(few), m, rng)
         exact[few], visible[few] = project(points[few], few)
     pixels = exact + np.nan_to_num(sigma)[..., None] * rng.standard_normal((n, m, 2))
-    return Scenes(order, range_m, drawn, points, rotation, translation, pixels, sigma, visible)
+    return Scenes(
+        order=order,
+        range_m=range_m,
+        angles_rad=drawn,
+        points_m=points,
+        rotation=rotation,
+        translation_m=translation,
+        pixels=pixels,
+        sigma_px=sigma,
+        visible=visible,
+    )
 
 
 def _random_points(box: FloatArray, n: int, m: int, rng: np.random.Generator) -> FloatArray:

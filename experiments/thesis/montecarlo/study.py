@@ -288,17 +288,33 @@ def single(camera: Camera, rng: np.random.Generator, count: int = 1000, size_m: 
 def far(camera: Camera, rng: np.random.Generator, per_range: int) -> xr.Dataset:
     """Random points out to 100 m (figure 3.11b), as `performance`; the point set is the thesis's."""
     ranges = [1, 2, 3, 5, 7, 10, 15, 20, 30, 40, 50, 60, 70, 80, 90, 100]
-    chosen = ("thesis EPnP", "two-start")
-    return performance(camera, ranges, per_range, rng, ("listing", "right"), ("random",), chosen)
+    return performance(
+        camera,
+        ranges,
+        per_range,
+        rng,
+        recipes=("listing", "right"),
+        layouts=("random",),
+        solvers=("thesis EPnP", "two-start"),
+    )
 
 
 def noise_laws(camera: Camera, rng: np.random.Generator, per_range: int, ranges_m: Iterable[float]) -> xr.Dataset:
     """Outliers with equation 3.1 as printed beside the listing's law; dimension noise and those of `performance`."""
     laws = {"listing": noise_listing, "text": noise_text}
-    steps, chosen, places = list(ranges_m), ("thesis EPnP", "two-start"), ("random", "wide")
+    steps = list(ranges_m)
     parts = []
     for name, law in laws.items():
-        part = performance(camera, steps, per_range, rng, ("listing", "right"), places, chosen, law)
+        part = performance(
+            camera,
+            steps,
+            per_range,
+            rng,
+            recipes=("listing", "right"),
+            layouts=("random", "wide"),
+            solvers=("thesis EPnP", "two-start"),
+            noise=law,
+        )
         part["sigma_px"] = ("range_m", law(np.array(steps, float), np.zeros(1, bool))[:, 0], {"units": "px"})
         parts.append(part.expand_dims(noise=[name]))
     return xr.concat(parts, dim="noise")

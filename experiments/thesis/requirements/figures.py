@@ -27,7 +27,7 @@ def margins(verified: Sequence[Verified]) -> Any:
         axis.annotate(text, at, textcoords="offset points", fontsize=8, **beside)
     axis.axvline(1, color=BLACK, lw=0.8)
     axis.set_yticks(range(len(having)), [v.requirement.identity for v in having])
-    axis.set(xscale="log", xlabel="margin: factor by which the figure meets the requirement", xlim=(0.05, 40))
+    axis.set(xscale="log", xlabel="margin [–]: factor by which the figure meets the requirement", xlim=(0.05, 40))
     axis.set_ylim(len(having) - 0.5, -0.6)
     axis.grid(axis="y", visible=False)
     return figure

@@ -39,8 +39,17 @@ def observed(
             blobs[element.name] = ends[0] + rng.normal(0, BLOB_PX) * along if visible else None
             if visible:
                 sigma[element.name] = BLOB_PX
-        joint = CORNER_PX**2 * np.eye(8)
-        seen.append(Features(0, corners, np.tile(CORNER_PX**2 * np.eye(2), (4, 1, 1)), blobs, sigma, {}, None, joint))
+        features = Features(
+            identity=0,
+            corners_px=corners,
+            corners_covariance_px2=np.tile(CORNER_PX**2 * np.eye(2), (4, 1, 1)),
+            blobs_px=blobs,
+            blob_sigma_px=sigma,
+            virtual_points_px={},
+            reason=None,
+            joint_covariance_px2=CORNER_PX**2 * np.eye(8),
+        )
+        seen.append(features)
         poses.append((rotation, translation))
     return seen, poses
 
@@ -87,7 +96,15 @@ def test_unknown_poses_leave_a_common_shift_of_opposite_elements_to_perspective(
 
 def test_images_without_the_marker_are_passed_over() -> None:
     seen, _ = observed(np.random.default_rng(6), TILTS)
-    nothing = Features(None, None, None, dict.fromkeys(ELEMENT_NAMES), {}, {}, "no marker found")
+    nothing = Features(
+        identity=None,
+        corners_px=None,
+        corners_covariance_px2=None,
+        blobs_px=dict.fromkeys(ELEMENT_NAMES),
+        blob_sigma_px={},
+        virtual_points_px={},
+        reason="no marker found",
+    )
     found = calibrate_elements([nothing, *seen], DESIGN, CAMERA)
     assert found.used == tuple(range(1, len(seen) + 1))
     assert found.rotations.shape == (len(seen), 3, 3)

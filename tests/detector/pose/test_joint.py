@@ -44,7 +44,15 @@ def seen(
         found[e.name] = ends[0] + along * (float(noise(0, BLOB_PX)) if rng is not None else 0.0) if blobs else None
     covariance = np.tile(np.eye(2) * CORNER_PX**2, (4, 1, 1))
     sigma = {name: BLOB_PX for name, at in found.items() if at is not None}
-    features = Features(marker.identity, corners, covariance, found, sigma, {}, None)
+    features = Features(
+        identity=marker.identity,
+        corners_px=corners,
+        corners_covariance_px2=covariance,
+        blobs_px=found,
+        blob_sigma_px=sigma,
+        virtual_points_px={},
+        reason=None,
+    )
     return FoundMarker(features, marker, centre_m)
 
 
@@ -114,7 +122,16 @@ def test_markers_without_blobs_or_corners_still_count_or_do_not() -> None:
     rotation, translation = pose(5.0, 5.0, 0.0, 8.0)
     rng = np.random.default_rng(4)
     bare = [seen(MarkerDesign(), place, rotation, translation, rng, blobs=False) for place in PLACES]
-    lost = FoundMarker(Features(None, None, None, {}, {}, {}, "no marker found"), MarkerDesign(), (0.0, 0.0))
+    nothing = Features(
+        identity=None,
+        corners_px=None,
+        corners_covariance_px2=None,
+        blobs_px={},
+        blob_sigma_px={},
+        virtual_points_px={},
+        reason="no marker found",
+    )
+    lost = FoundMarker(nothing, MarkerDesign(), (0.0, 0.0))
     solved, again = solve_face_pose(bare, CAMERA), solve_face_pose([*bare, lost], CAMERA)
     assert solved is not None
     assert again is not None

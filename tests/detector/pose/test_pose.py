@@ -9,42 +9,17 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from projected import CAMERA, MARKER, features
 from scipy.stats import chi2
 from synthetic import NOISE, electrons, expose, pose_at
 
 from detector.features import Features, find_features
-from detector.pose.pose import problem_of, solve_pose
-from detector.pose.pose_fit import exponential, residuals
+from detector.pose.pose import solve_pose
 from radiometry.geometry import FloatArray, faces_camera, rotation_angle
 from radiometry.optics import Camera
-from scenes.marker import ELEMENT_NAMES, MarkerDesign
+from scenes.marker import ELEMENT_NAMES
 
-MARKER = MarkerDesign()
-CAMERA = Camera()
 SUBSETS = [names for count in range(5) for names in combinations(ELEMENT_NAMES, count)]
-
-
-def features(
-    rotation: FloatArray,
-    translation: FloatArray,
-    blobs: tuple[str, ...],
-    sigma_px: float = 0.02,
-    rng: np.random.Generator | None = None,
-) -> Features:
-    """Features as they project, with Gaussian errors of `sigma_px` where a generator is given."""
-
-    def error(*shape: int) -> FloatArray:
-        return sigma_px * rng.standard_normal(shape) if rng else np.zeros(shape)
-
-    corners = CAMERA.project(MARKER.corners_m @ rotation.T + translation) + error(4, 2)
-    found: dict[str, FloatArray | None] = dict.fromkeys(ELEMENT_NAMES)
-    for e in MARKER.elements:
-        if e.name in blobs:
-            u = e.blob_offset_m(-rotation.T @ translation)
-            at, beside = CAMERA.project((e.centre_m + np.array([[u], [u + 1e-6]]) * e.along) @ rotation.T + translation)
-            found[e.name] = at + error(1) * (beside - at) / np.linalg.norm(beside - at)
-    covariance = np.broadcast_to(sigma_px**2 * np.eye(2), (4, 2, 2)).copy()
-    return Features(0, corners, covariance, found, dict.fromkeys(blobs, sigma_px), {}, None)
 
 
 def error_vector(
@@ -61,13 +36,13 @@ angles = st.floats(-40, 40)
 
 @settings(deadline=None, derandomize=True, max_examples=60)
 @given(
-    st.floats(0.7, 12),
-    angles,
-    angles,
-    st.floats(-180, 180),
-    st.floats(-200, 200),
-    st.floats(-150, 150),
-    st.sampled_from(SUBSETS[5:]),
+    range_m=st.floats(0.7, 12),
+    pitch=angles,
+    yaw=angles,
+    roll=st.floats(-180, 180),
+    x=st.floats(-200, 200),
+    y=st.floats(-150, 150),
+    blobs=st.sampled_from(SUBSETS[5:]),
 )
 def test_exact_features_give_the_exact_pose(range_m, pitch, yaw, roll, x, y, blobs):
     rotation, translation = pose_at(range_m, pitch, yaw, roll, (x, y), CAMERA)
@@ -135,27 +110,17 @@ def test_an_improbable_residual_widens_the_covariance():
     assert np.all(np.diag(worse.covariance) > 5 * np.diag(plain.covariance))
 
 
-def test_the_derivatives_are_those_of_the_residuals():
-    rotation, translation = pose_at(2.0, 12.0, -20.0, 40.0, (80.0, -60.0), CAMERA)
-    seen = features(rotation, translation, ELEMENT_NAMES)
-    problem = problem_of([(seen, MARKER, np.zeros(3))], CAMERA)
-
-    def at(step: FloatArray) -> tuple[FloatArray, FloatArray]:
-        values, slopes = np.empty(problem.measurements), np.empty((problem.measurements, 6))
-        residuals(problem, exponential(step[:3]) @ rotation, translation + step[3:], values, slopes)
-        return values, slopes
-
-    _, analytic = at(np.zeros(6))
-    for step, slope in zip(1e-6 * np.eye(6), analytic.T, strict=True):
-        difference = (at(step)[0] - at(-step)[0]) / 2e-6
-        assert difference == pytest.approx(slope, rel=1e-5, abs=1e-4 * np.abs(slope).max())
-
-
 def test_no_corners_no_pose():
-    assert (
-        solve_pose(Features(None, None, None, dict.fromkeys(ELEMENT_NAMES), {}, {}, "no marker found"), MARKER, CAMERA)
-        is None
+    nothing = Features(
+        identity=None,
+        corners_px=None,
+        corners_covariance_px2=None,
+        blobs_px=dict.fromkeys(ELEMENT_NAMES),
+        blob_sigma_px={},
+        virtual_points_px={},
+        reason="no marker found",
     )
+    assert solve_pose(nothing, MARKER, CAMERA) is None
 
 
 def test_attitude_from_images_of_28_pixels_is_good_to_a_quarter_degree():

@@ -22,8 +22,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from experiments.reporting import pictures
+from experiments.reporting.blocks import Plot
 from experiments.reporting.figures import new_figure
-from experiments.reporting.html import figure
+from experiments.reporting.html import embedded
 from experiments.scenario import Scenario
 from experiments.scenario.toml import toml_text
 from experiments.studies.budget.page import MAX_PICTURED_RANGES
@@ -152,7 +153,7 @@ def test_figures_are_well_formed_and_keep_their_ids_apart():
         plot, axes = new_figure()
         axes[0, 0].plot([1, 2], [3, 4], label="<&>")
         axes[0, 0].legend()
-        texts.append(str(figure(plot, key, 'a "caption" <b>').svg))
+        texts.append(str(embedded(Plot(key, plot, 'a "caption" <b>'), "page")))
     ids = [{e.get("id") for e in ElementTree.fromstring(text).iter() if e.get("id")} for text in texts]
     assert ids[0]
     assert not ids[0] & ids[1]

@@ -153,7 +153,19 @@ def test_no_closing_set_beats_one_of_the_front(study: close.ClosureResult) -> No
 @settings(deadline=None, derandomize=True, max_examples=40)
 @given(st.lists(st.tuples(*[st.integers(1, 4)] * 3), min_size=1, max_size=12))
 def test_pareto_front_of_any_cloud(cloud: list[tuple[int, int, int]]) -> None:
-    blank = Point("t", 0.0, 0.0, 1.0, 1, 1, {}, ("", 0.0), 0.0, 0.0, 0.0)
+    blank = Point(
+        tape="t",
+        size_m=0.0,
+        focal_length_m=0.0,
+        f_number=1.0,
+        led_count=1,
+        fewest_leds=1,
+        margins={},
+        binding=("", 0.0),
+        energy_j=0.0,
+        power_w=0.0,
+        peak_power_w=0.0,
+    )
     sets = tuple(replace(blank, power_w=float(a), size_m=float(b), focal_length_m=float(c)) for a, b, c in cloud)
     front = {(p.power_w, p.size_m, p.focal_length_m) for p in pareto(sets)}
     expected = {p for p in cloud if not any(all(x <= y for x, y in zip(q, p, strict=True)) and q != p for q in cloud)}

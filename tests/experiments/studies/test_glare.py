@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from rich.table import Table as RichTable
 from scipy import stats
 
 from detector.features import find_features
@@ -33,7 +34,7 @@ from experiments.studies.glare.modes import (
     through,
 )
 from experiments.studies.glare.plan import Attitude, Plan
-from experiments.studies.glare.tables import mode_rows, summarise, verdicts
+from experiments.studies.glare.tables import HEADINGS, TERMINAL, mode_rows, summarise, verdicts
 from experiments.studies.shared.truth import Truth
 
 ATTITUDE = Attitude(-4, 7, 10, 1)
@@ -284,6 +285,8 @@ def test_report_is_written_with_its_figures(small_run: xr.Dataset, small: Scenar
     assert "src=" not in (tmp_path / "report.html").read_text()
     assert page.passed
     assert page.unmet == {}
+    [shown] = [block for block in page.terminal() if isinstance(block, RichTable)]
+    assert len(shown.columns) == len(TERMINAL) < len(HEADINGS)
     assert int(result.whole.found.sum()) == 0
     table = conditions.rows(result.conditions, scenario)
     assert len(table) == len(conditions.CONDITIONS) * len(conditions.MODES)

@@ -16,7 +16,15 @@ from experiments.thesis.claims import HEADINGS, Claim, claims_section, claims_ta
 
 
 def claim(printed: str, right: float) -> Claim:
-    return Claim("eq. 1", "a length", "m", printed, float("nan"), right, "for once")
+    return Claim(
+        where="eq. 1",
+        what="a length",
+        unit="m",
+        printed=printed,
+        reproduced=float("nan"),
+        right=right,
+        remark="for once",
+    )
 
 
 @pytest.mark.parametrize(
@@ -52,9 +60,16 @@ def test_a_page_writes_its_files_and_marks_what_differs(tmp_path: Path) -> None:
     )
 
     def page(data: xr.Dataset | xr.DataTree) -> Page:
-        said = "One of two agrees."
         return Page(
-            "probe", "A <title>", said, False, "mantis probe", sections, ("So it is.",), limits=("none",), data=data
+            study="probe",
+            title="A <title>",
+            headline="One of two agrees.",
+            passed=False,
+            command="mantis probe",
+            sections=sections,
+            findings=("So it is.",),
+            limits=("none",),
+            data=data,
         )
 
     page(xr.Dataset({"value": ("x", np.arange(3.0))})).write(tmp_path)

@@ -94,7 +94,14 @@ def test_noise_law_of_one_s_own_may_tell_virtual_points_apart_and_drop_features(
     )
     assert scenes.visible[1].sum() == 12  # the virtual points alone
     table = montecarlo.performance(
-        CAMERA, [10.0], 5, np.random.default_rng(3), ("right",), ("wide",), ("two-start",), law
+        CAMERA,
+        [10.0],
+        5,
+        np.random.default_rng(3),
+        recipes=("right",),
+        layouts=("wide",),
+        solvers=("two-start",),
+        noise=law,
     )
     assert float(table.outliers.squeeze()) == 0
 

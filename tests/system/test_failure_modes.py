@@ -1,7 +1,8 @@
 """The five failure modes of thesis section 8.3: each brought about, and what this detector has against it.
 
-Beside each stands what OpenCV's ArUco and the thesis's pipeline (`experiments.studies.shared.baseline`) make of the same frame, where
-they fail. Frames are drawn with exact projection and sensor noise (`synthetic.py`); those of `tests/experiments` are ray-traced.
+Beside each stands what OpenCV's ArUco and the thesis's pipeline (`experiments.studies.shared.baseline`) make of the same frame,
+where they fail. Frames are drawn with exact projection and sensor noise (`synthetic.py`); those of `tests/experiments` are
+ray-traced.
 """
 
 from __future__ import annotations
