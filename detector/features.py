@@ -5,13 +5,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
 from detector.elements.blobs import Blob, find_blobs
 from detector.pattern.candidates import search
-from detector.pattern.corners import PatternFit, fit_pattern, refined
-from detector.pattern.decode import MIN_CORRELATION, MIN_OTHER, Decoder, decoder_of, has_ring
+from detector.pattern.corner_fit import LEAST_SIGMA_PX
+from detector.pattern.corners import OTHER_BLUR, PatternFit, fit_pattern, refined
+from detector.pattern.decode import MIN_CORRELATION, MIN_OTHER, Decoded, Decoder, decoder_of, has_ring
 from detector.pattern.pattern import CLEARANCE, KNOWING_REACH, kernel_sigma_px, project
 from detector.sensor.noise import NoiseModel, estimate_noise
 from radiometry.geometry import FloatArray
@@ -27,6 +29,8 @@ MAX_UNEXPLAINED = 0.15
 MIN_SIGNIFICANCE = 12.0
 #: and when no other identity's or turn's correlation comes as near as this.
 MIN_LEAD = 0.02
+#: Blurs that a quadrilateral is decoded through, in bits, where the first guess gives no clearer correlation than this.
+BLURS_PER_BIT, CLEAR_CORRELATION = (0.15, 0.35, 0.6, 0.9), 0.95
 
 
 @dataclass(frozen=True)
@@ -49,6 +53,10 @@ class Features:
     """What is missing and why, in one line; None when everything was found."""
     joint_covariance_px2: FloatArray | None = field(default=None, repr=False)
     """Covariance of all eight corner coordinates x0, y0, x1, ..., (8, 8) [px²]."""
+    blur_px: float | None = None
+    """Point spread as measured in the image: standard deviation of the Gaussian nearest to it, without the pixel's own box [px]."""
+    blur_deviation_px: float | None = None
+    """Standard deviation of that measurement [px]."""
 
     @property
     def detected(self) -> bool:
@@ -97,8 +105,8 @@ def find_features(
             virtual_points_px={},
             reason=seen,
         )
-    blobs = find_blobs(frame, found, marker, camera, sigma_px=sigma_px, noise=noise, light_ring_m=light_ring_m)
-    found = _refined(found, frame, marker, blobs, sigma_px, noise)
+    blobs = find_blobs(frame, found, marker, camera, sigma_px=found.sigma_px, noise=noise, light_ring_m=light_ring_m)
+    found = _refined(found, frame, marker, blobs, noise)
     good = {name: blob for name, blob in blobs.items() if isinstance(blob, Blob)}
     missing = [f"{name} blob: {why}" for name, why in blobs.items() if isinstance(why, str)]
     virtual = _virtual_points(found, good, marker.aruco_m / 2)
@@ -112,7 +120,16 @@ def find_features(
         virtual_points_px=virtual,
         reason="; ".join(missing) or None,
         joint_covariance_px2=joint,
+        blur_px=math.sqrt(max(found.sigma_px**2 - 1 / 12, 0.0)),
+        blur_deviation_px=_blur_deviation_px(found),
     )
+
+
+def _blur_deviation_px(fit: PatternFit) -> float:
+    """Standard deviation of the point spread's: of s = √(σ² − 1/12) it is σ/s times that of σ, and of s² near zero."""
+    point_spread_2 = max(fit.sigma_px**2 - 1 / 12, 0.0)
+    of_square = 2 * fit.sigma_px * fit.sigma_deviation_px
+    return of_square / (math.sqrt(point_spread_2) + math.sqrt(point_spread_2 + of_square))
 
 
 def _refined(
@@ -120,13 +137,12 @@ def _refined(
     frame: np.ndarray,
     marker: MarkerDesign,
     blobs: dict[str, Blob | str],
-    sigma_px: float,
     noise: NoiseModel,
 ) -> PatternFit:
     """The fit with what the dark parts of the elements add to it, where they are close enough to the ring."""
     pattern = decoder_of(marker).pattern
     side_px = max(math.dist(fit.corners_px[k], fit.corners_px[k - 1]) for k in range(4))
-    if (marker.gap_fraction - marker.ring_fraction) * side_px > (KNOWING_REACH + CLEARANCE) * sigma_px:
+    if (marker.gap_fraction - marker.ring_fraction) * side_px > (KNOWING_REACH + CLEARANCE) * fit.sigma_px:
         return fit
     lit, half = pattern.openings.copy(), marker.aruco_m / 2
     for opening, name in zip(lit, ELEMENT_NAMES, strict=True):
@@ -135,7 +151,7 @@ def _refined(
             along = opening[:2] if name in ("top", "bottom") else opening[2:]
             along[0] = max(along[0], (blob.offset_m - blob.half_width_m) / half)
             along[1] = min(along[1], (blob.offset_m + blob.half_width_m) / half)
-    return refined(fit, frame, pattern, lit, sigma_px, noise)
+    return refined(fit, frame, pattern, lit, noise)
 
 
 def _virtual_points(fit: PatternFit, blobs: dict[str, Blob], half_m: float) -> dict[str, FloatArray]:
@@ -159,7 +175,7 @@ def _checked(image: ArrayLike) -> np.ndarray:
 
 
 def _find_pattern(
-    frame: np.ndarray, marker: MarkerDesign, sigma_px: float, noise: NoiseModel
+    frame: np.ndarray, marker: MarkerDesign, guess_px: float, noise: NoiseModel
 ) -> tuple[PatternFit | None, int | None]:
     """Fit of the first candidate that bears the marker's pattern, else None and another identity that was seen."""
     decoder = decoder_of(marker)
@@ -167,7 +183,7 @@ def _find_pattern(
     for quad, blur_px in search(frame, noise):
         if not has_ring(frame, quad, decoder.pattern, noise.read_noise_dn):
             continue
-        decoded = decoder.decode(frame, quad, sigma_px, noise)
+        decoded, sigma_px = _decoded(frame, decoder, quad, guess_px, noise)
         if decoded is None:
             continue
         first, own = decoded
@@ -182,6 +198,24 @@ def _find_pattern(
     return None, other
 
 
+def _decoded(
+    frame: np.ndarray, decoder: Decoder, quad: FloatArray, guess_px: float, noise: NoiseModel
+) -> tuple[tuple[Decoded, Decoded] | None, float]:
+    """What a quadrilateral decodes to, and the blur through which it does best: the guess where that serves, or a part of a bit."""
+    best, best_px = decoder.decode(frame, quad, guess_px, noise), guess_px
+    if best is not None and best[0].correlation > CLEAR_CORRELATION:
+        return best, best_px
+    bit_px = math.sqrt(abs(cv2.contourArea(quad.astype(np.float32)))) / len(decoder.pattern.marker.bits)
+    for part in BLURS_PER_BIT:
+        sigma_px = max(part * bit_px, LEAST_SIGMA_PX)
+        if abs(math.log(sigma_px / guess_px)) < OTHER_BLUR:
+            continue
+        found = decoder.decode(frame, quad, sigma_px, noise)
+        if found is not None and (best is None or found[0].correlation > best[0].correlation):
+            best, best_px = found, sigma_px
+    return best, best_px
+
+
 def _accepted(
     frame: np.ndarray, decoder: Decoder, corners_px: FloatArray, sigma_px: float, noise: NoiseModel, blur_px: float
 ) -> PatternFit | None:
@@ -189,7 +223,7 @@ def _accepted(
     fit = fit_pattern(frame, decoder.pattern, corners_px, sigma_px, noise, blur_px)
     if fit is None or fit.unexplained > MAX_UNEXPLAINED or fit.significance < MIN_SIGNIFICANCE:
         return None
-    checked = decoder.decode(frame, fit.corners_px, sigma_px, noise)
+    checked = decoder.decode(frame, fit.corners_px, fit.sigma_px, noise)
     if checked is None or checked[1].turn != 0 or checked[1].correlation <= checked[1].rival + MIN_LEAD:
         return None
     return fit

@@ -68,7 +68,7 @@ def readings_of(pixels, inverse, site, levels):
 
     `inverse`: image -> plane homography (3, 3). `levels`: the light of the pattern, see `detector.pattern.corner_fit.LEVELS`.
     """
-    columns, rows, data, saturated, extra, noise = pixels
+    columns, rows, data, saturated, extra, noise, _ = pixels
     axis, half, sigma_px, outwards, ring_m, edge_m, glare, end, middle = site
     n = len(columns)
     u, v, blur_v, spill, light = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty((4, n))

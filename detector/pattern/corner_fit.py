@@ -19,8 +19,12 @@ NEAR_PX = 0.1
 #: Amplitude of a reflective cell over an absorbing one and level of an absorbing cell, both at the marker's centre [DN]; how
 #: either changes by x and y [DN per plane unit]; how the amplitude curves by x², xy and y².
 LEVELS = ("white", "black", "white_x", "white_y", "black_x", "black_y", "white_xx", "white_xy", "white_yy")
-#: Parameters of a fit under even light, under light that slopes, and under light that curves: homography and levels.
-EVEN, SLOPING, CURVED = 10, 14, 17
+#: Parameters of a fit under even light, under light that slopes, and under light that curves: the homography's eight, white,
+#: black, the logarithm of the blur at `BLUR`, then the other levels.
+EVEN, SLOPING, CURVED = 11, 15, 18
+BLUR = 10
+#: The blur stays above that of a pixel's box alone [px], and changes by this much of its logarithm at most in one step.
+LEAST_SIGMA_PX, MOST_BLUR_STEP = 0.29, 0.4
 #: Uneven light is fitted where it lowers chi-square by this much: five standard deviations.
 UNEVEN_CHI2 = 25.0
 #: What the model of blur and light leaves in a corner without any noise, standard deviation: in pixels, and over the ArUco's
@@ -37,14 +41,16 @@ class Readings(NamedTuple):
     saturated: NDArray[np.bool_]
     extra: FloatArray  # variance beyond the noise model's [DN²]
     noise: FloatArray  # see `detector.pattern.corners.noise_numbers`
+    cut: float  # readings more deviations than this off the model are outliers: they pull less the further off they are
 
 
 class Template(NamedTuple):
-    """What is printed, and the blur it is seen through."""
+    """What is printed, and a weak expectation of the blur it is seen through."""
 
     lines: FloatArray  # grid lines of the cells [plane units], (n + 1,)
     cells: FloatArray  # reflectance of the cells, first index along x, second along y, (n, n)
-    sigma_px: float  # standard deviation of point spread and pixel box together
+    sigma_px: float  # expected standard deviation of point spread and pixel box together
+    doubt: float  # standard deviation of its logarithm
 
 
 class State(NamedTuple):
@@ -52,12 +58,13 @@ class State(NamedTuple):
 
     matrix: FloatArray  # plane -> image homography relative to the readings' origin, last element 1, (3, 3)
     levels: FloatArray  # of the light, see `LEVELS`, (9,)
+    blur: FloatArray  # standard deviation of point spread and pixel box together, (1,) [px]
 
 
 class Equations(NamedTuple):
     """Normal equations of a fit at some state, filled in place."""
 
-    normal: FloatArray  # information about the parameters: homography row by row, then levels, (k, k)
+    normal: FloatArray  # information about the parameters, see `EVEN`, (k, k)
     rhs: FloatArray  # gradient of the log-likelihood, (k,)
     result: (
         FloatArray  # −2 log-likelihood up to a constant, chi-square, readings that pull, and variance explained, (4,)
@@ -71,11 +78,14 @@ def new_equations(parameters):
 
 
 @kernel
-def corner_covariance(matrix, normal, scale, corners, joint) -> bool:
-    """Corners (4, 2) and their covariance (8, 8) from the homography and its information, widened by `scale`."""
+def corner_covariance(matrix, normal, scale, corners, joint) -> float:
+    """Corners (4, 2) and their covariance (8, 8) from the homography and its information, widened by `scale`.
+
+    Blur and levels are marginalised. Returns the variance of the blur's logarithm, widened as well; NaN where there is none.
+    """
     covariance, slope = np.empty_like(normal), np.zeros((8, 8))
     if not invert_scaled(normal, covariance):
-        return False
+        return math.nan
     for k in range(4):
         x, y = SQUARE[k]
         w = matrix[2, 0] * x + matrix[2, 1] * y + 1
@@ -93,19 +103,20 @@ def corner_covariance(matrix, normal, scale, corners, joint) -> bool:
                     total += scale * slope[i, a] * covariance[a, b] * slope[j, b]
             joint[i, j] = joint[j, i] = total
         if not (math.isfinite(joint[i, i]) and joint[i, i] > 0):
-            return False
-    return True
+            return math.nan
+    return float(scale * covariance[BLUR, BLUR])
 
 
 @kernel
 def descend(readings, template, state) -> bool:
-    """Levenberg–Marquardt on the homography and the first two levels of `state`; False where it diverges."""
+    """Levenberg–Marquardt on homography, even light and blur of `state`; False where it diverges."""
     step, here, there = np.empty(EVEN), new_equations(EVEN), new_equations(EVEN)
     damping = 1e-3
     if not _first_levels(readings, template, state) or state.levels[0] <= 0:
         return False
     _accumulate(readings, template, state, here)
-    trial = State(state.matrix.copy(), state.levels.copy())
+    _expect(template, state, here)
+    trial = _copy_of(state)
     for _ in range(MAX_ITERATIONS):
         if not solve_scaled(here.normal, here.rhs, damping, step):
             return False
@@ -115,6 +126,7 @@ def descend(readings, template, state) -> bool:
         better = trial.levels[0] > 0
         if better and distance >= NEAR_PX:
             _accumulate(readings, template, trial, there)
+            _expect(template, trial, there)
             better = there.result[0] <= here.result[0]
         if better:
             _copy_state(trial, state)
@@ -139,6 +151,7 @@ def last_step(readings, template, state, equations):
     levels, parameters = state.levels, len(rhs)
     step, even_step = np.empty(parameters), np.empty(EVEN)
     _accumulate(readings, template, state, equations)
+    _expect(template, state, equations)
     if not solve_scaled(np.ascontiguousarray(normal[:EVEN, :EVEN]), rhs[:EVEN], 0.0, even_step):
         return -1.0, 0.0, EVEN
     count, gain, uneven_gain = EVEN, (even_step * rhs[:EVEN]).sum(), 0.0
@@ -148,11 +161,33 @@ def last_step(readings, template, state, equations):
         count, gain = parameters, uneven_gain
     else:
         step[:EVEN], step[EVEN:] = even_step, 0.0
-    trial = State(state.matrix.copy(), levels.copy())
+    trial = _copy_of(state)
     distance = _moved(state, step, trial)
     _copy_state(trial, state)
     result[1] = max(result[1] - gain, 0.0)
     return distance if levels[0] > 0 else -1.0, gain, count
+
+
+@kernel
+def scatter(readings, template, state) -> float:
+    """Median distance of readings from the model in standard deviations, scaled so that it is 1 for normal noise.
+
+    A saturated reading counts only where the model falls short of the ceiling.
+    """
+    sight = Sight(inverse3(state.matrix), template.lines, state.blur[0])
+    block, part = new_block(sight, readings.columns, readings.rows), np.zeros(4)
+    pull, off = Pull(np.empty((EVEN, BLOCK)), np.empty(BLOCK), np.empty(BLOCK)), np.empty(len(readings.data))
+    count, sums = 0, np.zeros(3)
+    for start in range(0, len(readings.data), BLOCK):
+        used = min(BLOCK, len(readings.data) - start)
+        see(block, sight, readings.columns, readings.rows, start, used)
+        shine(block, template.cells, sight.sigma_px, used)
+        _compare(block, readings, state.levels, (start, used), pull, (part, sums))
+        for p in range(used):
+            if pull.weights[p] > 0:
+                off[count] = math.sqrt(pull.weights[p]) * abs(pull.residuals[p])
+                count += 1
+    return 1.4826 * float(np.median(off[:count])) if count > 0 else 0.0
 
 
 @kernel
@@ -169,7 +204,7 @@ def add_readings(readings, template, state, equations):
             equations.normal[i, j] += more.normal[i, j]
     if not solve_scaled(equations.normal, more.rhs, 0.0, step):
         return -1.0
-    trial = State(state.matrix.copy(), state.levels.copy())
+    trial = _copy_of(state)
     distance = _moved(state, step, trial)
     _copy_state(trial, state)
     equations.result[1] += max(more.result[1] - (step * more.rhs).sum(), 0.0)
@@ -180,17 +215,40 @@ def add_readings(readings, template, state, equations):
 @kernel
 def _copy_state(source, target) -> None:
     """Copy the parameters of one state into another."""
-    target.matrix[:], target.levels[:] = source.matrix, source.levels
+    target.matrix[:], target.levels[:], target.blur[:] = source.matrix, source.levels, source.blur
+
+
+@kernel
+def _copy_of(state):
+    """A state of its own with the same parameters."""
+    return State(state.matrix.copy(), state.levels.copy(), state.blur.copy())
+
+
+@kernel
+def _expect(template, state, equations) -> None:
+    """Add to the equations what is expected of the blur."""
+    known, off = 1 / template.doubt**2, math.log(template.sigma_px / state.blur[0])
+    equations.normal[BLUR, BLUR] += known
+    equations.rhs[BLUR] += known * off
+    equations.result[0] += known * off * off
 
 
 @kernel
 def _moved(state, step, trial) -> float:
-    """Apply a step (k,) to `state`, with the result in `trial`. Returns the furthest way of a corner [px], see `_moved_px`."""
+    """Apply a step (k,) to `state`, with the result in `trial`.
+
+    Returns the furthest way of a corner or the change of the blur [px], whichever is more; see `_moved_px`.
+    """
     for k in range(8):
         trial.matrix[k // 3, k % 3] = state.matrix[k // 3, k % 3] + step[k]
-    for k in range(8, len(step)):
+    for k in range(8, BLUR):
         trial.levels[k - 8] = state.levels[k - 8] + step[k]
-    return float(_moved_px(state.matrix, trial.matrix))
+    for k in range(BLUR + 1, len(step)):
+        trial.levels[k - 9] = state.levels[k - 9] + step[k]
+    change = min(max(step[BLUR], -MOST_BLUR_STEP), MOST_BLUR_STEP)
+    trial.blur[0] = max(state.blur[0] * math.exp(change), LEAST_SIGMA_PX)
+    moved = float(_moved_px(state.matrix, trial.matrix))
+    return max(moved, abs(trial.blur[0] - state.blur[0])) if moved >= 0 else moved
 
 
 @kernel
@@ -212,9 +270,8 @@ def _moved_px(before, after) -> float:
 @kernel
 def _first_levels(readings, template, state) -> bool:
     """Amplitude and black level of `state` by linear least squares over the readings that are not saturated."""
-    columns, rows, data, saturated, _, noise = readings
-    lines, cells, sigma_px = template
-    levels = state.levels
+    columns, rows, data, saturated, _, noise, _ = readings
+    lines, cells, sigma_px, levels = template.lines, template.cells, state.blur[0], state.levels
     sight = Sight(inverse3(state.matrix), lines, sigma_px)
     block = new_block(sight, columns, rows)
     n = sv = svv = sd = svd = 0.0
@@ -240,8 +297,8 @@ def _first_levels(readings, template, state) -> bool:
 def _accumulate(readings, template, state, equations) -> None:
     """Fill `equations` with the normal equations of all readings at `state`."""
     normal, rhs, result = equations
-    lines, cells, sigma_px = template
-    sight = Sight(inverse3(state.matrix), lines, sigma_px)
+    cells, sigma_px = template.cells, state.blur[0]
+    sight = Sight(inverse3(state.matrix), template.lines, sigma_px)
     columns, rows, data = readings.columns, readings.rows, readings.data
     block = new_block(sight, columns, rows)
     pull = Pull(np.empty((len(rhs), BLOCK)), np.empty(BLOCK), np.empty(BLOCK))
@@ -274,7 +331,7 @@ def _compare(block, readings, levels, part, pull, totals) -> None:
     `part`: the block's first reading, and how many. `totals`: two arrays that are added to. The first gets log-determinant,
     chi-square and readings that pull; the second the sums of weight, of weighted pattern, and of its square.
     """
-    columns, rows, data, saturated, extra, noise = readings
+    columns, rows, data, saturated, extra, noise, cut = readings
     start, used = part
     slopes, weights, residuals = pull
     result, sums = totals
@@ -291,7 +348,9 @@ def _compare(block, readings, levels, part, pull, totals) -> None:
         variance = read_variance + gain * max(min(model, limit) - offset, 0.0) + extra[start + p]
         weight = 0.0 if clipped and residual == 0.0 else 1.0 / variance
         cost += 0.0 if clipped else math.log(variance)
-        chi2 += weight * residual * residual
+        square_off = weight * residual * residual
+        chi2 += min(square_off, cut * cut)
+        weight *= min(cut * cut / max(square_off, 1e-30), 1.0)
         active += 1.0 if weight > 0 else 0.0
         total += weight
         mean += weight * amplitude * value
@@ -306,13 +365,14 @@ def _compare(block, readings, levels, part, pull, totals) -> None:
         slopes[0, p], slopes[1, p], slopes[2, p] = along_u * x, along_u * y, along_u
         slopes[3, p], slopes[4, p], slopes[5, p] = along_v * x, along_v * y, along_v
         slopes[6, p], slopes[7, p], slopes[8, p], slopes[9, p] = -along * x, -along * y, value, 1.0
+        slopes[10, p] = amplitude * block.by_blur[p]
     if len(slopes) > EVEN:
         for p in range(used):
             x, y, value = block.x[p], block.y[p], block.value[p]
-            slopes[10, p], slopes[11, p], slopes[12, p], slopes[13, p] = value * x, value * y, x, y
+            slopes[11, p], slopes[12, p], slopes[13, p], slopes[14, p] = value * x, value * y, x, y
     if len(slopes) > SLOPING:
         for p in range(used):
             x, y, value = block.x[p], block.y[p], block.value[p]
-            slopes[14, p], slopes[15, p], slopes[16, p] = value * x * x, value * x * y, value * y * y
+            slopes[15, p], slopes[16, p], slopes[17, p] = value * x * x, value * x * y, value * y * y
     result[0], result[1], result[2] = result[0] + cost, result[1] + chi2, result[2] + active
     sums[0], sums[1], sums[2] = sums[0] + total, sums[1] + mean, sums[2] + square

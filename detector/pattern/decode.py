@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 
 from detector.compiled import BLOCK, kernel, mirror
-from detector.pattern.corners import moved, sample
+from detector.pattern.corners import moved, sample, winsorised
 from detector.pattern.pattern import Pattern, Sight, homography, inverse3, nearest_pixels, new_block, pixels_of, see
 from detector.sensor.noise import NoiseModel
 from radiometry.geometry import FloatArray
@@ -64,7 +64,7 @@ class Decoder:
         matrix = homography(corners_px - origin)
         reach = 1 + 2 * self.pattern.marker.ring_fraction
         columns, rows = pixels_of(moved(matrix, origin), reach, image.shape, 0.0, MAX_PIXELS)
-        seen = sample(image, columns, rows, origin, noise)
+        seen = winsorised(sample(image, columns, rows, origin, noise))
         if len(seen.data) < 40:
             return None
         size = self.templates.shape[1]
@@ -107,11 +107,11 @@ def _gather_cells(readings, sight, normal, match) -> tuple[float, float]:
 
     Returns the data's sum of squares about its mean, and the part of it that is noise.
     """
-    columns, rows, data, _, extra, noise = readings
+    columns, rows, data, _, extra, noise, _ = readings
     last = len(sight.lines) - 2
     block = new_block(sight, columns, rows)
-    first_x, share_x, _ = block.columns
-    first_y, share_y, _ = block.rows
+    first_x, share_x, _, _ = block.columns
+    first_y, share_y, _, _ = block.rows
     size, inner, strips = len(match), len(sight.lines) - 5, len(share_x)
     value, where, total = np.empty(size), np.empty(size, np.int64), np.zeros(size)
     read_variance, gain, offset, limit = noise

@@ -127,6 +127,7 @@ class Strips(NamedTuple):
     first: NDArray[np.int64]  # index of the first strip, (BLOCK,)
     share: FloatArray  # part of the pixel's blur that lies in each strip, (strips, BLOCK)
     slope: FloatArray  # derivative of the share by the place of the pixel [1/plane unit], (strips, BLOCK)
+    spread: FloatArray  # derivative of the share by the logarithm of the blur, (strips, BLOCK)
 
 
 class Block(NamedTuple):
@@ -141,9 +142,10 @@ class Block(NamedTuple):
     yv: FloatArray
     columns: Strips  # strips of cells along x
     rows: Strips  # strips of cells along y
-    value: FloatArray  # blurred reflectance and its derivatives by x and y
+    value: FloatArray  # blurred reflectance and its derivatives by x, by y and by the logarithm of the blur
     by_x: FloatArray
     by_y: FloatArray
+    by_blur: FloatArray
 
 
 @kernel
@@ -158,8 +160,8 @@ def new_block(sight, columns, rows):
         narrowest = min(narrowest, lines[k + 1] - lines[k])
     reach = 2 * EDGE_REACH * sigma_px * math.sqrt(widest) / narrowest
     strips = min(int(reach) + 2, len(lines) - 1) if reach < len(lines) else len(lines) - 1
-    shares = np.empty((4, strips, BLOCK))
-    reals = np.empty((10, BLOCK))
+    shares = np.empty((6, strips, BLOCK))
+    reals = np.empty((11, BLOCK))
     return Block(
         x=reals[0],
         y=reals[1],
@@ -168,11 +170,12 @@ def new_block(sight, columns, rows):
         xv=reals[4],
         yu=reals[5],
         yv=reals[6],
-        columns=Strips(np.empty(BLOCK, np.int64), shares[0], shares[1]),
-        rows=Strips(np.empty(BLOCK, np.int64), shares[2], shares[3]),
+        columns=Strips(np.empty(BLOCK, np.int64), shares[0], shares[1], shares[4]),
+        rows=Strips(np.empty(BLOCK, np.int64), shares[2], shares[3], shares[5]),
         value=reals[7],
         by_x=reals[8],
         by_y=reals[9],
+        by_blur=reals[10],
     )
 
 
@@ -198,44 +201,52 @@ def see(block, sight, columns, rows, start, used) -> None:
 @wide_kernel
 def _share(place, scale, lines, used, strips) -> None:
     """What strips of cells between neighbouring lines put into pixels at places (n,) blurred by 1/`scale`."""
-    first, share, slope = strips
-    count, before, peak_before = len(lines) - 1, np.empty(BLOCK), np.empty(BLOCK)
+    first, share, slope, spread = strips
+    count, before, peak_before, away_before = len(lines) - 1, np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK)
     # The lines between the ring's are evenly spaced.
     start, per_line = lines[1], 1 / (lines[2] - lines[1])
     for p in range(used):
         near = place[p] - EDGE_REACH / scale[p]
         first[p] = min(int(max((near - start) * per_line + 1, 0.0)), count - 1)
-        before[p], peak_before[p] = edge((place[p] - lines[first[p]]) * scale[p])
+        away_before[p] = (place[p] - lines[first[p]]) * scale[p]
+        before[p], peak_before[p] = edge(away_before[p])
     for k in range(len(share)):
-        part, part_slope = share[k], slope[k]
+        part, part_slope, part_spread = share[k], slope[k], spread[k]
         for p in range(used):
-            after, peak_after = edge((place[p] - lines[min(first[p] + k + 1, count)]) * scale[p])
+            away = (place[p] - lines[min(first[p] + k + 1, count)]) * scale[p]
+            away = min(max(away, -EDGE_REACH), EDGE_REACH)
+            after, peak_after = edge(away)
             part[p], part_slope[p] = before[p] - after, (peak_before[p] - peak_after) * scale[p]
-            before[p], peak_before[p] = after, peak_after
+            # With z = d/σ, dΦ(z)/d ln σ = −z φ(z).
+            part_spread[p] = away * peak_after - away_before[p] * peak_before[p]
+            before[p], peak_before[p], away_before[p] = after, peak_after, away
 
 
 @wide_kernel
 def shine(block, cells, sigma_px, used) -> None:
     """Blurred reflectance of the cells (n, n) in `used` pixels, and its derivatives by x and y, from what `see` left."""
-    first_x, share_x, slope_x = block.columns
-    first_y, share_y, slope_y = block.rows
+    first_x, share_x, slope_x, spread_x = block.columns
+    first_y, share_y, slope_y, spread_y = block.rows
     last, strips = len(cells) - 1, len(share_x)
     for p in range(used):
-        value = by_x = by_y = by_both = 0.0
+        value = by_x = by_y = by_both = by_blur = 0.0
         for i in range(strips):
             strip = cells[min(first_x[p] + i, last)]
-            across = across_slope = 0.0
+            across = across_slope = across_spread = 0.0
             for j in range(strips):
                 cell = strip[min(first_y[p] + j, last)]
                 across += cell * share_y[j, p]
                 across_slope += cell * slope_y[j, p]
+                across_spread += cell * spread_y[j, p]
             value += share_x[i, p] * across
             by_x += slope_x[i, p] * across
             by_y += share_x[i, p] * across_slope
             by_both += slope_x[i, p] * across_slope
+            by_blur += spread_x[i, p] * across + share_x[i, p] * across_spread
         skew = block.xu[p] * block.yu[p] + block.xv[p] * block.yv[p]
-        block.value[p] = value + sigma_px * sigma_px * skew * by_both
-        block.by_x[p], block.by_y[p] = by_x, by_y
+        askew = sigma_px * sigma_px * skew * by_both
+        block.value[p] = value + askew
+        block.by_x[p], block.by_y[p], block.by_blur[p] = by_x, by_y, by_blur + 2 * askew
 
 
 @wide_kernel
