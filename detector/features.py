@@ -5,32 +5,19 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
 from detector.elements.blobs import Blob, find_blobs
-from detector.pattern.candidates import search
-from detector.pattern.corner_fit import LEAST_SIGMA_PX
-from detector.pattern.corners import OTHER_BLUR, PatternFit, fit_pattern, refined
-from detector.pattern.decode import MIN_CORRELATION, MIN_OTHER, Decoded, Decoder, decoder_of, has_ring
-from detector.pattern.pattern import CLEARANCE, KNOWING_REACH, kernel_sigma_px, project
+from detector.pattern.corners import PatternFit, refined
+from detector.pattern.decode import decoder_of
+from detector.pattern.find import find_pattern
+from detector.pattern.pattern import CLEARANCE, KNOWING_REACH, SQUARE, kernel_sigma_px, project
+from detector.sensor.defects import isolated, without
 from detector.sensor.noise import NoiseModel, estimate_noise
 from radiometry.geometry import FloatArray
 from radiometry.optics import Camera
 from scenes.marker import ELEMENT_NAMES, MarkerDesign
-
-#: A quadrilateral is worth a fit where no other identity's correlation is better by more than this. Here and below: chosen
-#: between what markers and marker-free frames show.
-SLACK = 0.02
-#: Accepted when the pattern leaves at most this part of the light's variance unexplained by noise,
-MAX_UNEXPLAINED = 0.15
-#: when it stands out of the noise by this many standard deviations, all pixels together,
-MIN_SIGNIFICANCE = 12.0
-#: and when no other identity's or turn's correlation comes as near as this.
-MIN_LEAD = 0.02
-#: Blurs that a quadrilateral is decoded through, in bits, where the first guess gives no clearer correlation than this.
-BLURS_PER_BIT, CLEAR_CORRELATION = (0.15, 0.35, 0.6, 0.9), 0.95
 
 
 @dataclass(frozen=True)
@@ -82,29 +69,40 @@ def find_features(
     noise: NoiseModel | None = None,
     light_ring_m: float | None = None,
 ) -> Features:
-    """Find the marker and measure its corners and blobs.
+    """Find the marker in an image of a lens without distortion and measure its corners and blobs.
 
-    `image`: (H, W) digital numbers or electrons, integer or real, any bit depth. `camera` gives the point spread and,
-    for the slits' perspective, the focal length. `noise` is estimated from the image where it is not given.
-    `light_ring_m`: radius of the ring of lights around the lens, 0 for light from the lens itself, None where it is not known:
-    light from the side shifts what the slits show at short range.
-    Raises ValueError for an image that is not two-dimensional or holds non-finite values.
+    Blur, levels of light and outliers are found in the image itself.
+
+    Args:
+        image: (height, width) digital numbers or electrons, integer or real, of any bit depth.
+        marker: the design that is looked for.
+        camera: its focal length and principal point give the perspective through the slits; its point spread is a first guess of
+            the blur, which is measured.
+        noise: of the image; estimated from it where it is not given.
+        light_ring_m: radius of the LED ring around the lens [m], 0 for light from the lens itself, None where it is not known.
+            Light from the side shifts what the slits show at short range.
+
+    Returns:
+        What was found, with uncertainties; what is missing has its reason.
+
+    Raises:
+        ValueError: when the image is not two-dimensional or holds non-finite values.
     """
     frame = _checked(image)
     noise = noise or estimate_noise(frame)
-    sigma_px = kernel_sigma_px(camera.psf_sigma_px)
-    found, other = _find_pattern(frame, marker, sigma_px, noise)
+    search = find_pattern(frame, marker, kernel_sigma_px(camera.psf_sigma_px), noise)
+    found = search.fit
     if found is None:
-        seen = f"only identity {other} seen" if other is not None else "no marker found"
         return Features(
-            identity=other,
+            identity=search.other,
             corners_px=None,
             corners_covariance_px2=None,
             blobs_px=dict.fromkeys(ELEMENT_NAMES),
             blob_sigma_px={},
             virtual_points_px={},
-            reason=seen,
+            reason=search.reason,
         )
+    noise = _without_defects(frame, found, decoder_of(marker).pattern.outline, noise)
     blobs = find_blobs(frame, found, marker, camera, sigma_px=found.sigma_px, noise=noise, light_ring_m=light_ring_m)
     found = _refined(found, frame, marker, blobs, noise)
     good = {name: blob for name, blob in blobs.items() if isinstance(blob, Blob)}
@@ -130,6 +128,22 @@ def _blur_deviation_px(fit: PatternFit) -> float:
     point_spread_2 = max(fit.sigma_px**2 - 1 / 12, 0.0)
     of_square = 2 * fit.sigma_px * fit.sigma_deviation_px
     return of_square / (math.sqrt(point_spread_2) + math.sqrt(point_spread_2 + of_square))
+
+
+def _without_defects(frame: np.ndarray, fit: PatternFit, outline: float, noise: NoiseModel) -> NoiseModel:
+    """The noise, with the pixels on the marker that stand alone as no light does saying nothing."""
+    reach = project(fit.matrix, outline * SQUARE)
+    left, top = np.maximum(np.floor(reach.min(axis=0)).astype(int) - 2, 0)
+    right, bottom = np.ceil(reach.max(axis=0)).astype(int) + 3
+    part = slice(top, max(bottom, top)), slice(left, max(right, left))
+    if min(frame[part].shape) < 3:
+        return noise
+    bad = isolated(frame[part], noise)
+    if not bad.any():
+        return noise
+    everywhere = np.zeros(frame.shape, np.bool_)
+    everywhere[part] = bad
+    return without(noise, everywhere)
 
 
 def _refined(
@@ -172,58 +186,3 @@ def _checked(image: ArrayLike) -> np.ndarray:
     if not np.isfinite(frame).all():
         raise ValueError("image: holds NaN or infinity, expected finite values")
     return frame
-
-
-def _find_pattern(
-    frame: np.ndarray, marker: MarkerDesign, guess_px: float, noise: NoiseModel
-) -> tuple[PatternFit | None, int | None]:
-    """Fit of the first candidate that bears the marker's pattern, else None and another identity that was seen."""
-    decoder = decoder_of(marker)
-    other = None
-    for quad, blur_px in search(frame, noise):
-        if not has_ring(frame, quad, decoder.pattern, noise.read_noise_dn):
-            continue
-        decoded, sigma_px = _decoded(frame, decoder, quad, guess_px, noise)
-        if decoded is None:
-            continue
-        first, own = decoded
-        if own.correlation >= max(MIN_CORRELATION, first.correlation - SLACK):
-            fit = _accepted(frame, decoder, np.roll(quad, -own.turn, axis=0), sigma_px, noise, blur_px)
-            if fit is not None:
-                return fit, None
-        elif other is None and first.identity != marker.identity and first.correlation > MIN_OTHER:
-            stranger = decoder_of(marker.model_copy(update={"identity": first.identity}))
-            if _accepted(frame, stranger, np.roll(quad, -first.turn, axis=0), sigma_px, noise, blur_px) is not None:
-                other = first.identity
-    return None, other
-
-
-def _decoded(
-    frame: np.ndarray, decoder: Decoder, quad: FloatArray, guess_px: float, noise: NoiseModel
-) -> tuple[tuple[Decoded, Decoded] | None, float]:
-    """What a quadrilateral decodes to, and the blur through which it does best: the guess where that serves, or a part of a bit."""
-    best, best_px = decoder.decode(frame, quad, guess_px, noise), guess_px
-    if best is not None and best[0].correlation > CLEAR_CORRELATION:
-        return best, best_px
-    bit_px = math.sqrt(abs(cv2.contourArea(quad.astype(np.float32)))) / len(decoder.pattern.marker.bits)
-    for part in BLURS_PER_BIT:
-        sigma_px = max(part * bit_px, LEAST_SIGMA_PX)
-        if abs(math.log(sigma_px / guess_px)) < OTHER_BLUR:
-            continue
-        found = decoder.decode(frame, quad, sigma_px, noise)
-        if found is not None and (best is None or found[0].correlation > best[0].correlation):
-            best, best_px = found, sigma_px
-    return best, best_px
-
-
-def _accepted(
-    frame: np.ndarray, decoder: Decoder, corners_px: FloatArray, sigma_px: float, noise: NoiseModel, blur_px: float
-) -> PatternFit | None:
-    """Fit of the decoder's marker from approximate corners, where the pattern explains the light and no other one nearly does."""
-    fit = fit_pattern(frame, decoder.pattern, corners_px, sigma_px, noise, blur_px)
-    if fit is None or fit.unexplained > MAX_UNEXPLAINED or fit.significance < MIN_SIGNIFICANCE:
-        return None
-    checked = decoder.decode(frame, fit.corners_px, fit.sigma_px, noise)
-    if checked is None or checked[1].turn != 0 or checked[1].correlation <= checked[1].rival + MIN_LEAD:
-        return None
-    return fit

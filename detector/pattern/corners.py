@@ -272,10 +272,10 @@ def refined(fit: PatternFit, image: np.ndarray, pattern: Pattern, blobs: FloatAr
     state = State(start.matrix.copy(), fit.levels_dn.copy(), np.array([fit.sigma_px]))
     template = Template(pattern.lines, pattern.cells, fit.sigma_px, BLUR_DOUBT)
     equations = Equations(start.normal.copy(), np.zeros(len(start.normal)), start.result.copy())
-    moved_px = add_readings(
-        readings._replace(cut=_cut(readings, template, state)), template, state, equations
-    )
-    if not 0 <= moved_px < ELSEWHERE_PX * max(fit.sigma_px, 1.0):  # far off, the light is none that the pattern explains
+    moved_px = add_readings(readings._replace(cut=_cut(readings, template, state)), template, state, equations)
+    if (
+        not 0 <= moved_px < ELSEWHERE_PX * max(fit.sigma_px, 1.0)
+    ):  # far off, the light is none that the pattern explains
         return fit
     descent = Descent(start.origin, state.matrix, equations.normal, equations.result, float(state.blur[0]))
     return _finish(descent, state.levels) or fit
