@@ -17,7 +17,9 @@ import numpy as np
 from detector.compiled import kernel
 from detector.elements.blob_fit import Site, View, blob_step, descend, readings_of, search_positions, thinned
 from detector.elements.slits import Slits
+from detector.pattern.corner_fit import Template
 from detector.pattern.corners import PatternFit, gather, sample
+from detector.pattern.decode import decoder_of
 from detector.pattern.pattern import inverse3, is_inside, nearest_pixels, pixels_of, project
 from detector.sensor.noise import NoiseModel
 from radiometry.geometry import FloatArray
@@ -133,7 +135,9 @@ class _ElementImage:
         )
         #: Levels of blob and background, and of the foil and its slope, where it spills in.
         self.level = np.zeros(4)
-        self.all = readings_of(seen, inverse3(fit.matrix), site, fit.levels_dn)
+        pattern = decoder_of(marker).pattern
+        template = Template(pattern.lines, pattern.cells, sighting.sigma_px, 1.0)
+        self.all = readings_of(seen, inverse3(fit.matrix), site, fit.levels_dn, template)
         if self.all.light[2].max() < 1e-3:
             self.level = np.zeros(2)
             self.all = self.all._replace(light=self.all.light[:2])

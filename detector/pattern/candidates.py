@@ -46,7 +46,10 @@ LOOKS = (
     Look(1, 0.7, 13, 1.5),
     Look(1, 1.0, 9, 0.5),
     Look(2, 0.9, 9, 0.5),
+    Look(2, 0.5, 7, 0.5),
     Look(4, 0.9, 9, 0.5),
+    Look(4, 0.5, 7, 0.5),
+    Look(8, 0.5, 7, 0.5),
 )
 #: Places of high contrast: means over CELL × CELL pixels that exceed the lowest of their surroundings (cells) by one of these
 #: parts of the frame's highest contrast, and by this many deviations of a single pixel's noise.

@@ -39,6 +39,7 @@ from detector.pattern.pattern import (
     SQUARE,
     Edges,
     Pattern,
+    clearance_of,
     homography,
     project,
     select_pixels,
@@ -200,7 +201,8 @@ class _Fitting:
 
     def readings(self, matrix: FloatArray, sigma_px: float, most: int) -> Readings | None:
         """Readings of the pixels that know where the edges are, about `most` of them; None where they are too few."""
-        edges = Edges(self.pattern.lines, sigma_px, NOWHERE, self.pattern.openings)
+        clearance = clearance_of(sigma_px / self.pattern.bit_px(matrix))
+        edges = Edges(self.pattern.lines, sigma_px, clearance, NOWHERE, self.pattern.openings)
         columns, rows = _edge_pixels(self.image, self.pattern, moved(matrix, self.origin), edges, most)
         found = sample(self.image, columns, rows, self.origin, self.noise)
         return found if len(found.data) >= 60 else None
@@ -244,7 +246,7 @@ def _edge_pixels(
     """Pixels near the pattern's edges; see `select_pixels`. They end well inside the marker's outline."""
     height, width = image.shape
     corner = project(matrix, SQUARE[:2] * pattern.outline)
-    room_px = math.dist(*corner) * (1 - pattern.ring / pattern.outline) / 2 - CLEARANCE * edges.sigma_px
+    room_px = math.dist(*corner) * (1 - pattern.ring / pattern.outline) / 2 - edges.clearance * edges.sigma_px
     margin_px = -min(KNOWING_REACH * edges.sigma_px, room_px)
     columns, rows = select_pixels(matrix, pattern.ring, (height, width), margin_px, float(most), edges)
     return columns, rows
@@ -264,7 +266,7 @@ def refined(fit: PatternFit, image: np.ndarray, pattern: Pattern, blobs: FloatAr
         The better fit; `fit` itself where those pixels say nothing or contradict it.
     """
     start = fit.descent
-    edges = Edges(pattern.lines, fit.sigma_px, pattern.openings, blobs)
+    edges = Edges(pattern.lines, fit.sigma_px, CLEARANCE, pattern.openings, blobs)
     columns, rows = _edge_pixels(image, pattern, fit.matrix, edges, MAX_PIXELS)
     readings = sample(image, columns, rows, start.origin, noise)
     if not len(readings.data):
@@ -294,7 +296,8 @@ def _finish(descent: Descent, levels: FloatArray) -> PatternFit | None:
     reduced = float(chi2 / max(active - len(descent.normal), 1))
     corners, joint = np.empty((4, 2)), np.empty((8, 8))
     misfit = MISFIT_CORRELATION * max(reduced - MISFIT_FROM, 0.0)
-    blur_variance = corner_covariance(descent.matrix, descent.normal, max(1.0, reduced) + misfit, corners, joint)
+    state = State(descent.matrix, levels, np.array([descent.sigma_px]))
+    blur_variance = corner_covariance(state, descent.normal, max(1.0, reduced) + misfit, corners, joint)
     if not blur_variance >= 0:
         return None
     return PatternFit(

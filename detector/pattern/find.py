@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import cv2
@@ -11,7 +12,7 @@ import numpy as np
 from detector.pattern.candidates import search
 from detector.pattern.corner_fit import LEAST_SIGMA_PX
 from detector.pattern.corners import OTHER_BLUR, PatternFit, fit_pattern, sample
-from detector.pattern.decode import MIN_CORRELATION, MIN_OTHER, Decoded, Decoder, decoder_of, has_ring
+from detector.pattern.decode import MIN_CORRELATION, MIN_OTHER, Decoder, decoder_of, has_ring
 from detector.pattern.pattern import homography, pixels_of
 from detector.sensor.noise import NoiseModel
 from radiometry.geometry import FloatArray
@@ -26,8 +27,11 @@ MAX_UNEXPLAINED = 0.15
 MIN_SIGNIFICANCE = 12.0
 #: and when no other identity's or turn's correlation comes as near as this.
 MIN_LEAD = 0.02
-#: Blurs that a quadrilateral is decoded through, in bits, where the first guess gives no clearer correlation than this.
-BLURS_PER_BIT, CLEAR_CORRELATION = (0.15, 0.35, 0.6, 0.9), 0.95
+#: Blurs that a quadrilateral is looked at through after the first guess [bits].
+BLURS_PER_BIT = (0.2, 0.5, 0.8)
+#: Without a ring that outshines the border, so many of the largest quadrilaterals are decoded, through these blurs [bits], and
+#: fitted from this correlation on.
+MOST_BLURRED, BLURS_WITHOUT_RING, MIN_BLURRED = 10, (0.65, 0.95), 0.8
 #: A miss is laid to blur from this blur on [bits], and to saturation from this part of the bits on.
 BLURRED_BITS, SATURATED_BITS = 0.6, 0.3
 #: Frame by frame: part of the pixels that is saturated, contrast in noise deviations below which nothing can be seen, and a run
@@ -67,46 +71,65 @@ def find_pattern(frame: np.ndarray, marker: MarkerDesign, guess_px: float, noise
     decoder = decoder_of(marker)
     other: int | None = None
     miss = _Miss(0.0, "")
+    ringless: list[FloatArray] = []
     for quad, blur_px in search(frame, noise):
         if not has_ring(frame, quad, decoder.pattern, noise.read_noise_dn):
+            ringless.append(quad)
             continue
-        decoded, sigma_px = _decoded(frame, decoder, quad, guess_px, noise)
-        if decoded is None:
-            continue
-        first, own = decoded
-        if own.correlation >= max(MIN_CORRELATION, first.correlation - SLACK):
-            fit = fit_pattern(frame, decoder.pattern, np.roll(quad, -own.turn, axis=0), sigma_px, noise, blur_px)
-            why = _objection(frame, decoder, fit, noise)
-            if fit is not None and why is None:
-                return Search(fit, None, None)
-            if own.correlation > miss.correlation and why is not None:
-                miss = _Miss(own.correlation, why)
-        elif other is None and first.identity != marker.identity and first.correlation > MIN_OTHER:
-            stranger = decoder_of(marker.model_copy(update={"identity": first.identity}))
-            fit = fit_pattern(frame, stranger.pattern, np.roll(quad, -first.turn, axis=0), sigma_px, noise, blur_px)
-            if _objection(frame, stranger, fit, noise) is None:
-                other = first.identity
+        for sigma_px in _blurs(quad, decoder, guess_px):
+            decoded = decoder.decode(frame, quad, sigma_px, noise)
+            if decoded is None:
+                continue
+            first, own = decoded
+            if own.correlation >= max(MIN_CORRELATION, first.correlation - SLACK):
+                fit = fit_pattern(frame, decoder.pattern, np.roll(quad, -own.turn, axis=0), sigma_px, noise, blur_px)
+                why = _objection(frame, decoder, fit, noise)
+                if fit is not None and why is None:
+                    return Search(fit, None, None)
+                if own.correlation > miss.correlation and why is not None:
+                    miss = _Miss(own.correlation, why)
+            elif other is None and first.identity != marker.identity and first.correlation > MIN_OTHER:
+                stranger = decoder_of(marker.model_copy(update={"identity": first.identity}))
+                corners_px = np.roll(quad, -first.turn, axis=0)
+                fit = fit_pattern(frame, stranger.pattern, corners_px, sigma_px, noise, blur_px)
+                if _objection(frame, stranger, fit, noise) is None:
+                    other = first.identity
     if other is not None:
         return Search(None, other, f"only identity {other} seen")
+    found = _through_blur(frame, decoder, ringless, noise)
+    if found.fit is not None or (found.reason and not miss.why):
+        return found
     return Search(None, None, miss.why or _about_the_frame(frame, noise))
 
 
-def _decoded(
-    frame: np.ndarray, decoder: Decoder, quad: FloatArray, guess_px: float, noise: NoiseModel
-) -> tuple[tuple[Decoded, Decoded] | None, float]:
-    """What a quadrilateral decodes to, and the blur through which it does best: the guess where that serves, or a part of a bit."""
-    best, best_px = decoder.decode(frame, quad, guess_px, noise), guess_px
-    if best is not None and best[0].correlation > CLEAR_CORRELATION:
-        return best, best_px
+def _blurs(quad: FloatArray, decoder: Decoder, guess_px: float) -> Iterator[float]:
+    """Blurs that a quadrilateral is looked at through [px]: the guess, then some parts of a bit."""
+    yield guess_px
     bit_px = _side_px(quad) / len(decoder.pattern.marker.bits)
     for part in BLURS_PER_BIT:
         sigma_px = max(part * bit_px, LEAST_SIGMA_PX)
-        if abs(math.log(sigma_px / guess_px)) < OTHER_BLUR:
-            continue
-        found = decoder.decode(frame, quad, sigma_px, noise)
-        if found is not None and (best is None or found[0].correlation > best[0].correlation):
-            best, best_px = found, sigma_px
-    return best, best_px
+        if abs(math.log(sigma_px / guess_px)) > OTHER_BLUR:
+            yield sigma_px
+
+
+def _through_blur(frame: np.ndarray, decoder: Decoder, quads: list[FloatArray], noise: NoiseModel) -> Search:
+    """A marker so blurred that its ring no longer outshines its border, among the largest of some quadrilaterals."""
+    why = None
+    for quad in sorted(quads, key=_side_px, reverse=True)[:MOST_BLURRED]:
+        bit_px = _side_px(quad) / len(decoder.pattern.marker.bits)
+        for part in BLURS_WITHOUT_RING:
+            decoded = decoder.decode(frame, quad, part * bit_px, noise)
+            if decoded is None or decoded[1].correlation < max(MIN_BLURRED, decoded[0].correlation - SLACK):
+                continue
+            corners_px = np.roll(quad, -decoded[1].turn, axis=0)
+            fit = fit_pattern(frame, decoder.pattern, corners_px, part * bit_px, noise)
+            objection = _objection(frame, decoder, fit, noise)
+            if objection is None:
+                return Search(fit, None, None)
+            if fit is None:
+                objection = f"blurred: σ about {part * bit_px:.1f} px, a bit spans {bit_px:.1f} px"
+            why = why or objection
+    return Search(None, None, why)
 
 
 def _side_px(corners_px: FloatArray) -> float:
@@ -157,7 +180,7 @@ def _about_the_frame(frame: np.ndarray, noise: NoiseModel) -> str:
     if contrast < MIN_CONTRAST:
         return f"no marker found: contrast {contrast:.0f} of {MIN_CONTRAST:.0f}"
     bright = some > (low + high) / 2
-    at_edges = [side.any() and not side.all() for side in (bright[0], bright[-1], bright[:, 0], bright[:, -1])]
+    at_edges = [0.15 < side.mean() < 0.95 for side in (bright[0], bright[-1], bright[:, 0], bright[:, -1])]
     if all(at_edges) and min(_median_run(bright) / bright.shape[1], _median_run(bright.T) / bright.shape[0]) > LONG_RUN:
         return "marker larger than the frame"
     return "no marker found"

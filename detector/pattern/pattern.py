@@ -23,8 +23,8 @@ from scenes.marker import Element, MarkerDesign
 SQUARE = np.array([[-1.0, 1.0], [1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]])
 #: Blur deviations from an edge within which pixels know where it is: 98.9 % of the information, its error function.
 KNOWING_REACH = 1.8
-#: Blur deviations kept clear of light that a model does not know.
-CLEARANCE = 2.5
+#: Blur deviations kept clear of light that a model does not know; so many bits at most, but never less than the least deviations.
+CLEARANCE, CLEARANCE_BITS, LEAST_CLEARANCE = 2.5, 1.5, 1.5
 #: No rectangle.
 NOWHERE = np.empty((0, 4))
 
@@ -32,6 +32,11 @@ NOWHERE = np.empty((0, 4))
 def kernel_sigma_px(psf_sigma_px: float) -> float:
     """Standard deviation of point spread and pixel box together [px]; the box of one pixel has variance 1/12."""
     return float(np.sqrt(psf_sigma_px**2 + 1 / 12))
+
+
+def clearance_of(sigma_bits: float) -> float:
+    """Blur deviations to keep clear of unknown light at a blur of so many bits: of a much blurred marker nothing else is left."""
+    return max(min(CLEARANCE, CLEARANCE_BITS / sigma_bits), LEAST_CLEARANCE)
 
 
 def homography(corners_px: FloatArray) -> FloatArray:
@@ -117,6 +122,7 @@ class Edges(NamedTuple):
 
     lines: FloatArray  # grid lines, along x as along y; empty where every pixel is wanted
     sigma_px: float  # standard deviation of the blur
+    clearance: float  # the blur reaches a rectangle from this many deviations on
     only: FloatArray  # rectangles x0, x1, y0, y1 of the plane, (k, 4): a pixel's blur must touch one of them; none: anywhere
     never: FloatArray  # rectangles that a pixel's blur must not touch, (k, 4)
 
@@ -252,10 +258,10 @@ def shine(block, cells, sigma_px, used) -> None:
 @wide_kernel
 def _know_edges(inverse, edges, row, first, stride, wanted) -> None:
     """Which of every `stride`-th pixel of a row from `first` on `select_pixels` wants; without branches, several at a time."""
-    lines, sigma_px, only, never = edges
+    lines, sigma_px, clearance, only, never = edges
     steps, outer = len(lines) - 3.0, lines[len(lines) - 1]
     step, per_step = 2 / steps, steps / 2
-    knowing, clear = (KNOWING_REACH * sigma_px) ** 2, CLEARANCE / KNOWING_REACH
+    knowing, clear = (KNOWING_REACH * sigma_px) ** 2, clearance / KNOWING_REACH
     count = len(wanted)
     place = np.empty((4, count))
     x, y, reach_x, reach_y = place[0], place[1], place[2], place[3]
@@ -383,7 +389,7 @@ def select_pixels(
 
 
 #: Every pixel, near an edge or not.
-EVERYWHERE = Edges(np.empty(0), 0.0, NOWHERE, NOWHERE)
+EVERYWHERE = Edges(np.empty(0), 0.0, 0.0, NOWHERE, NOWHERE)
 
 
 @kernel
@@ -460,6 +466,11 @@ class Pattern:
         half = marker.aruco_m / 2
         #: Openings of the elements (4, 4): x0, x1, y0, y1.
         self.openings = np.array([opening_of(e, -e.length_m, e.length_m) for e in marker.elements]) / half
+
+    def bit_px(self, matrix: FloatArray) -> float:
+        """What a bit spans through a homography (3, 3): the root of its area at the marker's centre [px]."""
+        slope = matrix[:2, :2] - np.outer(matrix[:2, 2], matrix[2, :2])
+        return float(np.sqrt(abs(np.linalg.det(slope)))) * 2 / len(self.marker.bits)
 
     @cached_property
     def cells(self) -> FloatArray:
