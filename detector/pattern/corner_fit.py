@@ -22,6 +22,10 @@ LEVELS = ("white", "black", "white_x", "white_y", "black_x", "black_y", "white_x
 #: Parameters of a fit under even light, under light that slopes, and under light that curves: the homography's eight, white,
 #: black, the logarithm of the blur at `BLUR`, then the other levels.
 EVEN, SLOPING, CURVED = 11, 15, 18
+#: Results of a fit: −2 log-likelihood up to a constant; chi-square, outliers counted as at the cut; readings that pull; variance
+#: that the pattern explains; and chi-square with all that outliers add, but for those brighter than white: a flare or a hot pixel
+#: adds light to the pattern, where another pattern puts white for black.
+RESULTS = 5
 BLUR = 10
 #: The blur stays above that of a pixel's box alone [px], and changes by this much of its logarithm at most in one step.
 LEAST_SIGMA_PX, MOST_BLUR_STEP = 0.29, 0.4
@@ -69,15 +73,13 @@ class Equations(NamedTuple):
 
     normal: FloatArray  # information about the parameters, see `EVEN`, (k, k)
     rhs: FloatArray  # gradient of the log-likelihood, (k,)
-    result: (
-        FloatArray  # −2 log-likelihood up to a constant, chi-square, readings that pull, and variance explained, (4,)
-    )
+    result: FloatArray  # see `RESULTS`, (5,)
 
 
 @kernel
 def new_equations(parameters):
     """Room for the normal equations of so many parameters."""
-    return Equations(np.empty((parameters, parameters)), np.empty(parameters), np.empty(4))
+    return Equations(np.empty((parameters, parameters)), np.empty(parameters), np.empty(RESULTS))
 
 
 @kernel
@@ -169,7 +171,7 @@ def last_step(readings, template, state, equations):
     trial = _copy_of(state)
     distance = _moved(state, step, trial)
     _copy_state(trial, state)
-    result[1] = max(result[1] - gain, 0.0)
+    result[1], result[4] = max(result[1] - gain, 0.0), max(result[4] - gain, 0.0)
     return distance if levels[0] > 0 else -1.0, gain, count
 
 
@@ -180,7 +182,7 @@ def scatter(readings, template, state) -> float:
     A saturated reading counts only where the model falls short of the ceiling.
     """
     sight = Sight(inverse3(state.matrix), template.lines, state.blur[0])
-    block, part = new_block(sight, readings.columns, readings.rows), np.zeros(4)
+    block, part = new_block(sight, readings.columns, readings.rows), np.zeros(RESULTS)
     pull, off = Pull(np.empty((EVEN, BLOCK)), np.empty(BLOCK), np.empty(BLOCK)), np.empty(len(readings.data))
     count, sums = 0, np.zeros(3)
     for start in range(0, len(readings.data), BLOCK):
@@ -212,7 +214,9 @@ def add_readings(readings, template, state, equations):
     trial = _copy_of(state)
     distance = _moved(state, step, trial)
     _copy_state(trial, state)
-    equations.result[1] += max(more.result[1] - (step * more.rhs).sum(), 0.0)
+    gain = (step * more.rhs).sum()
+    equations.result[1] += max(more.result[1] - gain, 0.0)
+    equations.result[4] += max(more.result[4] - gain, 0.0)
     equations.result[2] += more.result[2]
     return distance if state.levels[0] > 0 else -1.0
 
@@ -342,7 +346,7 @@ def _compare(block, readings, levels, part, pull, totals) -> None:
     result, sums = totals
     read_variance, gain, offset, limit = noise
     white, black, white_x, white_y, black_x, black_y, white_xx, white_xy, white_yy = levels
-    cost = chi2 = active = total = mean = square = 0.0
+    cost = chi2 = own_chi2 = active = total = mean = square = 0.0
     for p in range(used):
         x, y, w, value = block.x[p], block.y[p], block.w[p], block.value[p]
         amplitude = white + (white_x + white_xx * x + white_xy * y) * x + (white_y + white_yy * y) * y
@@ -354,7 +358,10 @@ def _compare(block, readings, levels, part, pull, totals) -> None:
         weight = 0.0 if clipped and residual == 0.0 else 1.0 / variance
         cost += 0.0 if clipped else math.log(variance)
         square_off = weight * residual * residual
-        chi2 += min(square_off, cut * cut)
+        counted = min(square_off, cut * cut)
+        over = data[start + p] - model + amplitude * (value - 1.0)
+        chi2 += counted
+        own_chi2 += counted if over > 0.0 and over * over * weight > cut * cut else square_off
         weight *= min(cut * cut / max(square_off, 1e-30), 1.0)
         active += 1.0 if weight > 0 else 0.0
         total += weight
@@ -380,4 +387,5 @@ def _compare(block, readings, levels, part, pull, totals) -> None:
             x, y, value = block.x[p], block.y[p], block.value[p]
             slopes[15, p], slopes[16, p], slopes[17, p] = value * x * x, value * x * y, value * y * y
     result[0], result[1], result[2] = result[0] + cost, result[1] + chi2, result[2] + active
+    result[4] += own_chi2
     sums[0], sums[1], sums[2] = sums[0] + total, sums[1] + mean, sums[2] + square

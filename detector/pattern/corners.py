@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from detector.pattern.corner_fit import (
     CURVED,
     LEVELS,
+    RESULTS,
     SLOPING,
     Equations,
     Readings,
@@ -210,7 +211,7 @@ class _Fitting:
 
 def _last_steps(fitting: _Fitting, template: Template, state: State, parameters: int) -> PatternFit | None:
     """The fit's end from near it, on `state` in place; None where there is none."""
-    normal, rhs, result = np.empty((parameters, parameters)), np.empty(parameters), np.empty(4)
+    normal, rhs, result = np.empty((parameters, parameters)), np.empty(parameters), np.empty(RESULTS)
     readings, chosen_px = None, 0.0
     for _ in range(MAX_LAST_STEPS):
         # The same pixels as long as they are near the edges: others would bring other noise, and no end.
@@ -292,7 +293,7 @@ def moved(matrix: FloatArray, origin: FloatArray) -> FloatArray:
 
 def _finish(descent: Descent, levels: FloatArray) -> PatternFit | None:
     """The fit that a descent ended at, with the covariance of its corners; None where it has none."""
-    _, chi2, active, explained = descent.result
+    _, chi2, active, explained, own_chi2 = descent.result
     reduced = float(chi2 / max(active - len(descent.normal), 1))
     corners, joint = np.empty((4, 2)), np.empty((8, 8))
     misfit = MISFIT_CORRELATION * max(reduced - MISFIT_FROM, 0.0)
@@ -306,7 +307,7 @@ def _finish(descent: Descent, levels: FloatArray) -> PatternFit | None:
         covariance_px2=joint,
         levels_dn=levels,
         reduced_chi2=reduced,
-        unexplained=float(max(chi2 - active, 0.0) / explained if explained > 0 else np.inf),
+        unexplained=float(max(own_chi2 - active, 0.0) / explained if explained > 0 else np.inf),
         significance=math.sqrt(max(explained, 0.0)),
         sigma_px=descent.sigma_px,
         sigma_deviation_px=descent.sigma_px * math.sqrt(blur_variance),
