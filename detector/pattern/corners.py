@@ -56,7 +56,7 @@ MAX_LAST_STEPS = 6
 #: A step below this is the last [px]: what it leaves is of second order. So is one that lowers chi-square by little: it is a
 #: small part of the noise.
 LAST_PX, LAST_CHI2 = 0.06, 0.5
-#: After a longer step, other pixels know where the edges are: in pixels, or in deviations of the blur where that is more than one.
+#: After a longer step, other pixels know where the edges are [px, or deviations of the blur where that is more than one].
 ELSEWHERE_PX = 0.5
 #: The blur that a fit starts from is a guess: the standard deviation of its logarithm, and the change of it after which other
 #: pixels are looked at.

@@ -34,9 +34,11 @@ BLURS_PER_BIT = (0.2, 0.5, 0.8)
 MOST_BLURRED, BLURS_WITHOUT_RING, MIN_BLURRED = 10, (0.65, 0.95), 0.8
 #: A miss is laid to blur from this blur on [bits], and to saturation from this part of the bits on.
 BLURRED_BITS, SATURATED_BITS = 0.6, 0.3
-#: Frame by frame: part of the pixels that is saturated, contrast in noise deviations below which nothing can be seen, and a run
-#: of bright or of dark pixels that is this part of the frame's side as the median: a bit of a marker that fills the frame has 0.12.
+#: Frame by frame: part of the pixels that is saturated; contrast in noise deviations below which nothing can be seen; and the
+#: median run of bright or of dark pixels over the frame's side: a bit of a marker that fills the frame has 0.12.
 SATURATED_FRAME, MIN_CONTRAST, LONG_RUN = 0.3, 10.0, 0.1
+#: A frame is called blurred from this on [px].
+BLURRED_FRAME_PX = 1.5
 
 
 @dataclass(frozen=True)
@@ -183,6 +185,11 @@ def _about_the_frame(frame: np.ndarray, noise: NoiseModel) -> str:
     at_edges = [0.15 < side.mean() < 0.95 for side in (bright[0], bright[-1], bright[:, 0], bright[:, -1])]
     if all(at_edges) and min(_median_run(bright) / bright.shape[1], _median_run(bright.T) / bright.shape[0]) > LONG_RUN:
         return "marker larger than the frame"
+    # The steepest slope that a blur leaves of a step is the step over √(2π) σ.
+    steepest = np.percentile(np.abs(frame[:, 2:].astype(np.float32) - frame[:, :-2]) / 2, 99.9)
+    sharpest_px = float(high - low) / (math.sqrt(2 * math.pi) * max(float(steepest), 1e-12))
+    if sharpest_px > BLURRED_FRAME_PX:
+        return f"no marker found; blurred: σ {sharpest_px:.1f} px or more, nothing in the frame is sharper"
     return "no marker found"
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from detector.sensor.noise import NoiseModel
 
 #: A pixel is a defect where it differs from the median of its surroundings by this many noise deviations, and by this many times
-#: what any of its four neighbours differs. A point of light through a point spread of 0.35 px or more reaches its neighbours more.
+#: what any of its four neighbours differs: a point of light reaches its neighbours more through a point spread of 0.35 px.
 STANDS_OUT_SIGMAS, STANDS_ALONE = 8.0, 8.0
 
 
@@ -31,7 +31,7 @@ def isolated(image: NDArray[np.generic], noise: NoiseModel) -> NDArray[np.bool_]
 
 
 def mended(image: NDArray[np.generic], bad: NDArray[np.bool_]) -> NDArray[np.generic]:
-    """A copy of an image (h, w) in which every bad pixel has the mean of the good ones around it, from as near as there are any."""
+    """A copy of an image (h, w) in which every bad pixel has the mean of the nearest good ones around it."""
     result, missing = image.copy(), bad.copy()
     data, good = np.where(bad, 0, image).astype(np.float64), (~bad).astype(np.float64)
     for side in (3, 5, 9, 17):
