@@ -19,10 +19,9 @@ from radiometry.geometry import FloatArray
 from radiometry.optics import Camera
 from scenes.marker import ELEMENT_NAMES, MarkerDesign
 
-
-#: What a Gaussian in place of point spread and pixel's box leaves in the measured σ², standard deviation [px²]. Measured on synthetic
-#: frames with a point spread of 0.3 to 0.8 px.
-MODEL_BLUR_PX2 = 0.005
+#: What a Gaussian in place of point spread and pixel's box leaves in the measured variance σ², standard deviation times σ² [px⁴].
+#: Measured on synthetic frames with a point spread of 0.3 to 0.8 px.
+MODEL_BLUR_PX4 = 0.0012
 
 
 @dataclass(frozen=True)
@@ -131,7 +130,7 @@ def find_features(
 def _blur_deviation_px(fit: PatternFit) -> float:
     """Standard deviation of the point spread's: of s = √(σ² − 1/12) it is σ/s times that of σ, and of s² near zero."""
     point_spread_2 = max(fit.sigma_px**2 - 1 / 12, 0.0)
-    of_square = math.hypot(2 * fit.sigma_px * fit.sigma_deviation_px, MODEL_BLUR_PX2)
+    of_square = math.hypot(2 * fit.sigma_px * fit.sigma_deviation_px, MODEL_BLUR_PX4 / fit.sigma_px**2)
     return of_square / (math.sqrt(point_spread_2) + math.sqrt(point_spread_2 + of_square))
 
 
