@@ -131,8 +131,16 @@ def thinned(readings: Readings, every: int) -> Readings:
     """Every so many of the readings, in memory of their own."""
     if every == 1:
         return readings
-    by_pixel = ("u", "v", "blur_v", "data", "saturated", "spill", "extra", "light")
-    return readings._replace(**{name: np.ascontiguousarray(getattr(readings, name)[..., ::every]) for name in by_pixel})
+    return readings._replace(
+        u=np.ascontiguousarray(readings.u[::every]),
+        v=np.ascontiguousarray(readings.v[::every]),
+        blur_v=np.ascontiguousarray(readings.blur_v[::every]),
+        data=np.ascontiguousarray(readings.data[::every]),
+        saturated=np.ascontiguousarray(readings.saturated[::every]),
+        spill=np.ascontiguousarray(readings.spill[::every]),
+        extra=np.ascontiguousarray(readings.extra[::every]),
+        light=np.ascontiguousarray(readings.light[:, ::every]),
+    )
 
 
 @wide_kernel

@@ -136,7 +136,15 @@ def sample(
         columns, rows, extra = columns[readable], rows[readable], np.asarray(extra[readable], float)
     data = gather(image, columns, rows)
     saturated = data >= noise.saturated_above_dn
-    return Readings(columns - origin[0], rows - origin[1], data, saturated, extra, noise_numbers(noise), np.inf)
+    return Readings(
+        columns=columns - origin[0],
+        rows=rows - origin[1],
+        data=data,
+        saturated=saturated,
+        extra=extra,
+        noise=noise_numbers(noise),
+        cut=np.inf,
+    )
 
 
 def winsorised(readings: Readings) -> Readings:
@@ -236,8 +244,13 @@ def _last_steps(fitting: _Fitting, template: Template, state: State, parameters:
 def _cut(readings: Readings, template: Template, state: State) -> float:
     """How many standard deviations off the model a reading is an outlier; the scatter is taken from some of the readings."""
     every = len(readings.data) // DESCENT_PIXELS + 1
-    by_pixel = ("columns", "rows", "data", "saturated", "extra")
-    some = readings._replace(**{name: np.ascontiguousarray(getattr(readings, name)[::every]) for name in by_pixel})
+    some = readings._replace(
+        columns=np.ascontiguousarray(readings.columns[::every]),
+        rows=np.ascontiguousarray(readings.rows[::every]),
+        data=np.ascontiguousarray(readings.data[::every]),
+        saturated=np.ascontiguousarray(readings.saturated[::every]),
+        extra=np.ascontiguousarray(readings.extra[::every]),
+    )
     return OUTLIER_SIGMAS * max(1.0, scatter(some, template, state))
 
 

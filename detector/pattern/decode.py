@@ -56,9 +56,16 @@ class Decoder:
     def decode(
         self, image: np.ndarray, corners_px: FloatArray, sigma_px: float, noise: NoiseModel
     ) -> tuple[Decoded, Decoded] | None:
-        """Best match over all identities, and over this marker's identity.
+        """Decode a quadrilateral: the best match over all identities, and over this marker's own.
 
-        None where the quadrilateral holds too little, or clearly neither this marker's pattern nor any other.
+        Args:
+            image: (height, width) [DN].
+            corners_px: corners of the quadrilateral, (4, 2), clockwise as seen [px].
+            sigma_px: standard deviation of point spread and pixel box together [px].
+            noise: of the image.
+
+        Returns:
+            Both matches; None where the quadrilateral holds too little, or clearly neither this marker's pattern nor any other.
         """
         origin = np.round(corners_px.mean(0))
         matrix = homography(corners_px - origin)
@@ -156,9 +163,14 @@ def decoder_of(marker: MarkerDesign) -> Decoder:
 
 
 def has_ring(image: np.ndarray, corners_px: FloatArray, pattern: Pattern, noise_dn: float) -> bool:
-    """Cheap first test of a quadrilateral: all four sides of a reflective ring outshine all four of the border inside.
+    """Cheap first test of a quadrilateral: whether all four sides of a reflective ring outshine the dark border inside.
 
-    `noise_dn`: of a single pixel; the weakest and the strongest mean of eight pixels may cross by that much.
+    Args:
+        image: (height, width) [DN].
+        corners_px: corners of the quadrilateral, (4, 2), clockwise as seen [px].
+        pattern: what is printed.
+        noise_dn: noise of a single pixel [DN]. The weakest side of the ring and the strongest side of the border, means over
+            eight pixels, may cross by that much.
     """
     columns, rows = np.empty(len(pattern.probes), np.int64), np.empty(len(pattern.probes), np.int64)
     if not nearest_pixels(homography(corners_px), pattern.probes, image.shape[0], image.shape[1], columns, rows):

@@ -55,7 +55,16 @@ class Pose:
 
 
 def solve_pose(features: Features, marker: MarkerDesign, camera: Camera) -> Pose | None:
-    """Pose from any features with corners; blobs, where present, settle the attitude. None without corners or solution."""
+    """Pose of a marker by maximum likelihood from its corners and blobs; blobs, where present, settle the attitude.
+
+    Args:
+        features: what was found, in the image of a lens without distortion.
+        marker: its design.
+        camera: focal length and principal point.
+
+    Returns:
+        Pose with its covariance, flagged where it is ambiguous or contradicts the features; None without corners or solution.
+    """
     if features.corners_px is None or features.corners_covariance_px2 is None:
         return None
     problem = problem_of([(features, marker, np.zeros(3))], camera)

@@ -70,7 +70,7 @@ class NoiseModel:
 
 
 def noise_of(sensor: Sensor, image: NDArray[Any]) -> NoiseModel | None:
-    """Noise of an image (height, width) where it can come from the sensor by its number type and range, else None."""
+    """Noise of an image (height, width) [DN]; None where its number type or range shows that it is not the sensor's."""
     container = np.uint8 if sensor.bits <= 8 else np.uint16
     if image.dtype != container or image.max(initial=0) > sensor.max_dn:
         return None
