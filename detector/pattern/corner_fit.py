@@ -36,7 +36,7 @@ UNEVEN_CHI2 = 25.0
 MODEL_SIGMA_PX, MODEL_SIGMA_SIDE = 0.0015, 2.5e-5
 #: What light spilt from the elements leaves in a corner of a much blurred marker, standard deviation over the blur: it grows with
 #: the blur in sides of the ArUco, to this power. Measured on synthetic frames with a blur of 0.5 to 0.85 bits.
-SPILT_SIGMA, SPILT_POWER = 0.07 * 6**4, 4
+SPILT_SIGMA, SPILT_POWER = 0.19 * 6**7, 7
 
 
 class Readings(NamedTuple):
