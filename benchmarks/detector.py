@@ -43,7 +43,7 @@ def run(quick: bool) -> list[Row]:
 
 def _rows(range_m: float, illumination: str, repeats: int) -> list[Row]:
     scenario = load_scenario(
-        None, (f"range_m={range_m}", f"light={illumination}", "target.pitch_deg=10", "target.yaw_deg=3")
+        None, (f"range_m={range_m}", f"illumination={illumination}", "target.pitch_deg=10", "target.yaw_deg=3")
     )
     rate = chain.electron_rate(scenario, chain.transport(scenario), illumination)
     seconds = chain.solve_exposure(

@@ -13,7 +13,8 @@ from detector.features import Features, find_features
 from detector.pose.joint import FoundMarker, moved_to_face, solve_face_pose
 from detector.pose.pose import Pose, solve_pose
 from detector.rectify import ideal_camera, in_the_image, rectified, rectified_noise
-from detector.sensor.noise import NoiseModel, noise_of
+from detector.sensor.defects import mended, without
+from detector.sensor.noise import NoiseModel, estimate_noise, noise_of
 from detector.sensor.pair import difference, pair_noise
 from detector.sensor.sensor import Sensor
 from radiometry.optics import Camera
@@ -65,26 +66,35 @@ def detect(
     noise: NoiseModel | None = None,
     led_ring_radius_m: float | None = None,
     off: NDArray[Any] | None = None,
+    bad_pixels: NDArray[np.bool_] | None = None,
 ) -> Detection:
     """Find a marker in an image and solve its pose. The image of a distorted lens is rectified first.
 
     Args:
         image: (height, width) digital numbers or electrons, integer or real, of any bit depth.
         marker: the design that is looked for.
-        camera: its size must be the image's; its point spread is a value for the fit.
+        camera: its size must be the image's. The blur is measured in the image; the camera's point spread is a first guess of it.
         sensor: where the image can be its, its noise is known; else noise is estimated from the image.
         noise: of the image, where it is known otherwise; it wins over `sensor`.
         led_ring_radius_m: radius of the LED ring about the lens; None where it is not known.
         off: a frame without the LEDs, taken as the image was: it is subtracted, and the noise of both counts.
+        bad_pixels: (height, width), true where a pixel is known to be hot or dead; its readings do not count.
 
     Returns:
         Features at their places in the image, and the pose in the camera's frame.
 
     Raises:
-        ValueError: when the image is not two-dimensional, not of the camera's size, or holds NaN or infinity; or when `off` is of
-            another size or kind of number than the image.
+        ValueError: when the image is not two-dimensional, not of the camera's size, or holds NaN or infinity; or when `off` or
+            `bad_pixels` is of another size, or `off` of another kind of number than the image.
     """
-    seen, ideal, known = _ideal(image, camera, sensor, noise, off)
+    if bad_pixels is not None and bad_pixels.shape != image.shape:
+        raise ValueError(
+            f"bad_pixels: {'×'.join(map(str, bad_pixels.shape[::-1]))} px, expected {'×'.join(map(str, image.shape[::-1]))} px "
+            "as the image"
+        )
+    if bad_pixels is not None and bad_pixels.any():
+        image, off = mended(image, bad_pixels), None if off is None else mended(off, bad_pixels)
+    seen, ideal, known = _ideal(image, camera, sensor, noise, off, bad_pixels)
     features = find_features(seen, marker, ideal, known, led_ring_radius_m)
     pose = solve_pose(features, marker, ideal) if features.detected else None
     return Detection(_placed_back(features, camera, ideal), pose)
@@ -107,7 +117,7 @@ def detect_face(
     Raises:
         ValueError: as `detect`.
     """
-    seen, ideal, known = _ideal(image, camera, sensor, noise, None)
+    seen, ideal, known = _ideal(image, camera, sensor, noise, None, None)
     found = []
     for marker, centre_m in placed:
         features = find_features(seen, marker, ideal, known, led_ring_radius_m)
@@ -121,7 +131,12 @@ def detect_face(
 
 
 def _ideal(
-    image: NDArray[Any], camera: Camera, sensor: Sensor | None, noise: NoiseModel | None, off: NDArray[Any] | None
+    image: NDArray[Any],
+    camera: Camera,
+    sensor: Sensor | None,
+    noise: NoiseModel | None,
+    off: NDArray[Any] | None,
+    bad_pixels: NDArray[np.bool_] | None,
 ) -> tuple[NDArray[Any], Camera, NoiseModel | None]:
     """The image as a camera without distortion takes it, that camera, and the noise; less `off` where it is given."""
     if image.shape != (camera.height_px, camera.width_px):
@@ -134,6 +149,8 @@ def _ideal(
     if off is not None:
         known = noise if sensor is None or noise_of(sensor, off) is not None else None
         image, noise = difference(image, off, known or pair_noise(image, off))
+    if bad_pixels is not None and bad_pixels.any():
+        noise = without(noise or estimate_noise(image), bad_pixels)
     if not camera.distorted:
         return image, camera, noise
     ideal = ideal_camera(camera)

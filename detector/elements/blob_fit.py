@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from detector.compiled import add_products, edge, invert_scaled, kernel, mirror, solve_scaled, wide_kernel
+from detector.compiled import BLOCK, add_products, edge, invert_scaled, kernel, mirror, solve_scaled, wide_kernel
 from detector.elements.slits import blob_profile, blur_taps, blurred_cells
-from detector.pattern.pattern import plane_point
+from detector.pattern.pattern import Sight, new_block, plane_point, see, shine
 from radiometry.geometry import FloatArray
 
 #: Cells of the fine grid per deviation of the blur: fewer leave 0.02 px in a blob's position.
@@ -18,6 +18,8 @@ CELLS_PER_SIGMA = 4.0
 #: Gauss–Newton steps at most, and the step that ends them, in slit pitches: what it leaves is of second order.
 MAX_STEPS = 8
 CONVERGED_PITCHES = 0.01
+#: Where the ring is narrower than so many deviations of the blur, the whole pattern's light is taken from the element's pixels.
+RING_BLURS = 3.5
 
 
 class Readings(NamedTuple):
@@ -63,16 +65,28 @@ class Site(NamedTuple):
 
 
 @kernel
-def readings_of(pixels, inverse, site, levels):
+def _spill(columns, rows, sight, cells, value) -> None:
+    """Blurred reflectance of the pattern at pixels (n,), in `value`."""
+    block = new_block(sight, columns, rows)
+    for start in range(0, len(columns), BLOCK):
+        used = min(BLOCK, len(columns) - start)
+        see(block, sight, columns, rows, start, used)
+        shine(block, cells, sight.sigma_px, used)
+        value[start : start + used] = block.value[:used]
+
+
+@kernel
+def readings_of(pixels, inverse, site, levels, template):
     """Readings of an element from pixels of the image (`detector.pattern.corner_fit.Readings`).
 
     `inverse`: image -> plane homography (3, 3). `levels`: the light of the pattern, see `detector.pattern.corner_fit.LEVELS`.
+    `template`: the pattern itself, for its light that spills into the element where the blur is no longer narrow beside the ring.
     """
-    columns, rows, data, saturated, extra, noise = pixels
+    columns, rows, data, saturated, extra, noise, _ = pixels
     axis, half, sigma_px, outwards, ring_m, edge_m, glare, end, middle = site
     n = len(columns)
     u, v, blur_v, spill, light = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty((4, n))
-    less, variance = np.empty(n), np.empty(n)
+    less, variance, whites = np.empty(n), np.empty(n), np.empty(n)
     by_column, by_row = 0.0, 0.0
     for p in range(n):
         x, y, _, xu, xv, yu, yv = plane_point(inverse, columns[p], rows[p])
@@ -82,10 +96,16 @@ def readings_of(pixels, inverse, site, levels):
         by_column += (xu if axis == 0 else yu) * half / n
         by_row += (xv if axis == 0 else yv) * half / n
         spill[p] = white * edge((ring_m - outwards * v[p]) / blur_v[p])[0]
+        whites[p] = white
         foil = edge((outwards * v[p] - edge_m) / blur_v[p])[0]
         less[p] = data[p] - spill[p]
         variance[p] = extra[p] + (foil * glare) ** 2
         light[0, p], light[1, p], light[2, p], light[3, p] = 0.0, 1.0, foil, foil * (u[p] - middle) / end
+    if n > 0 and blur_v.max() * RING_BLURS > ring_m - half:
+        _spill(columns, rows, Sight(inverse, template.lines, sigma_px), template.cells, spill)
+        spill *= whites
+        for p in range(n):
+            less[p] = data[p] - spill[p]
     spread = math.sqrt(max(sigma_px**2 - 1 / 12, 0.0)) * math.sqrt(by_column**2 + by_row**2)
     blur = (spread, abs(by_column), abs(by_row))
     cell_m, taps = blur_taps(blur, CELLS_PER_SIGMA)
@@ -111,9 +131,16 @@ def thinned(readings: Readings, every: int) -> Readings:
     """Every so many of the readings, in memory of their own."""
     if every == 1:
         return readings
-    by_pixel = ("u", "v", "blur_v", "data", "saturated", "spill", "extra", "light")
-    kept: dict[str, Any] = {name: np.ascontiguousarray(getattr(readings, name)[..., ::every]) for name in by_pixel}
-    return readings._replace(**kept)
+    return readings._replace(
+        u=np.ascontiguousarray(readings.u[::every]),
+        v=np.ascontiguousarray(readings.v[::every]),
+        blur_v=np.ascontiguousarray(readings.blur_v[::every]),
+        data=np.ascontiguousarray(readings.data[::every]),
+        saturated=np.ascontiguousarray(readings.saturated[::every]),
+        spill=np.ascontiguousarray(readings.spill[::every]),
+        extra=np.ascontiguousarray(readings.extra[::every]),
+        light=np.ascontiguousarray(readings.light[:, ::every]),
+    )
 
 
 @wide_kernel

@@ -17,7 +17,9 @@ import numpy as np
 from detector.compiled import kernel
 from detector.elements.blob_fit import Site, View, blob_step, descend, readings_of, search_positions, thinned
 from detector.elements.slits import Slits
+from detector.pattern.corner_fit import Template
 from detector.pattern.corners import PatternFit, gather, sample
+from detector.pattern.decode import decoder_of
 from detector.pattern.pattern import inverse3, is_inside, nearest_pixels, pixels_of, project
 from detector.sensor.noise import NoiseModel
 from radiometry.geometry import FloatArray
@@ -42,6 +44,9 @@ DETECTION_CHI2 = 25.0
 #: Largest part of the blob's light that may be lost at the element's end; the model knows the end, and what it leaves grows with
 #: that part [px]: measured on ray-traced frames, 0.015 px at 0.3.
 MAX_CUT_FRACTION, MODEL_SIGMA_CUT_PX = 0.3, 0.05
+#: What light spilt between pattern, elements and background leaves in a blob through a wide blur, standard deviation over the
+#: blur: it grows with the blur in bits, to this power. Measured on synthetic frames with a blur of 0.3 to 0.7 bits.
+SPILT_SIGMA, SPILT_POWER = 0.19, 4
 #: Variance left beyond the noise, over the variance explained, above which the light is no blob. Assumption.
 MAX_UNEXPLAINED = 0.5
 
@@ -106,7 +111,7 @@ class _ElementImage:
     def __init__(self, sighting: _Sighting, layout: _Layout):
         image, fit, marker, noise = sighting.image, sighting.fit, sighting.marker, sighting.noise
         self.marker, self.layout, self.fit, self.element = marker, layout, fit, layout.element
-        self.range_m, self.light_ring_m = sighting.range_m, sighting.light_ring_m
+        self.range_m, self.light_ring_m, self.sigma_px = sighting.range_m, sighting.light_ring_m, sighting.sigma_px
         half = marker.aruco_m / 2
         moved = fit.matrix @ layout.place
         height, width = image.shape
@@ -133,7 +138,9 @@ class _ElementImage:
         )
         #: Levels of blob and background, and of the foil and its slope, where it spills in.
         self.level = np.zeros(4)
-        self.all = readings_of(seen, inverse3(fit.matrix), site, fit.levels_dn)
+        pattern = decoder_of(marker).pattern
+        template = Template(pattern.lines, pattern.cells, sighting.sigma_px, 1.0)
+        self.all = readings_of(seen, inverse3(fit.matrix), site, fit.levels_dn, template)
         if self.all.light[2].max() < 1e-3:
             self.level = np.zeros(2)
             self.all = self.all._replace(light=self.all.light[:2])
@@ -200,7 +207,9 @@ class _ElementImage:
         position, beside = project(self.fit.matrix, ends)
         scale = math.dist(beside, position) / delta  # [px/m]
         pitches = MODEL_SIGMA_PITCH_M if self.light_ring_m is not None else UNKNOWN_RING_PITCH_M
-        model = math.hypot(MODEL_SIGMA_PX, pitches / self.range_m * pitch * scale, MODEL_SIGMA_CUT_PX * cut)
+        bit_px = self.marker.bit_m * scale
+        spilt = SPILT_SIGMA * self.sigma_px * (self.sigma_px / bit_px) ** SPILT_POWER
+        model = math.hypot(MODEL_SIGMA_PX, pitches / self.range_m * pitch * scale, MODEL_SIGMA_CUT_PX * cut, spilt)
         return Blob(u, position, math.hypot(math.sqrt(variance) * scale, model), unexplained, self.slits.half_width)
 
 
@@ -282,7 +291,13 @@ def _camera_from_blobs(
 
 
 def camera_in_marker_m(matrix: FloatArray, marker: MarkerDesign, camera: Camera) -> FloatArray:
-    """Camera in the marker frame (3,) [m] from a plane -> image homography (columns r₁, r₂, t up to scale; Zhang 2000)."""
+    """Camera in the marker frame (3,) [m], from a homography.
+
+    Args:
+        matrix: plane -> image, (3, 3); its columns are r₁, r₂ and t up to scale (Zhang 2000).
+        marker: gives the plane's unit, half the ArUco's side.
+        camera: focal length and principal point.
+    """
     (fx, fy), (cx, cy), half = camera.focal_px, camera.principal_point_px, marker.aruco_m / 2
     return np.asarray(_camera_place(matrix, fx, fy, cx, cy, half))
 

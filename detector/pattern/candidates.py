@@ -46,7 +46,10 @@ LOOKS = (
     Look(1, 0.7, 13, 1.5),
     Look(1, 1.0, 9, 0.5),
     Look(2, 0.9, 9, 0.5),
+    Look(2, 0.5, 7, 0.5),
     Look(4, 0.9, 9, 0.5),
+    Look(4, 0.5, 7, 0.5),
+    Look(8, 0.5, 7, 0.5),
 )
 #: Places of high contrast: means over CELL × CELL pixels that exceed the lowest of their surroundings (cells) by one of these
 #: parts of the frame's highest contrast, and by this many deviations of a single pixel's noise.
@@ -61,10 +64,17 @@ PLACE_PX = 90
 def dark_squares(
     image: Image, window: int, threshold: tuple[float | NDArray[np.float32], float], ceiling: float
 ) -> Iterator[FloatArray]:
-    """Quadrilaterals (4, 2) [px], clockwise as seen, around dark components of a float32 image (H, W), the largest first.
+    """Quadrilaterals around the dark components of an image, the largest first.
 
-    `window`: side of the surroundings [px]. Bright is what exceeds their mean by √(c₀ + c₁ · mean), `threshold` (c₀, c₁;
-    c₀ may be of each pixel, (H, W)), or reaches the `ceiling`.
+    Args:
+        image: (height, width) float32 [DN].
+        window: side of a pixel's surroundings [px].
+        threshold: (c₀, c₁): a pixel is bright where it exceeds the mean of its surroundings by √(c₀ + c₁ · mean). c₀ may be given
+            for each pixel, (height, width) [DN²]; c₁ is in DN.
+        ceiling: a pixel that reaches this level is bright in any case [DN].
+
+    Yields:
+        Corners (4, 2), clockwise as seen [px].
     """
     mean = cv2.blur(image, (window, window), borderType=cv2.BORDER_REPLICATE)
     constant, slope = threshold
@@ -162,9 +172,14 @@ class _Copies:
 
 
 def search(image: np.ndarray, noise: NoiseModel) -> Iterator[tuple[FloatArray, float]]:
-    """Candidate quadrilaterals in the image's pixels and the blur [px] they were seen through.
+    """Candidates for the ArUco's outline: first where contrast is high, then in the whole image, smoothed and binned copies last.
 
-    First where contrast is high; then pass by pass: the plain image, smoothed, then binned copies.
+    Args:
+        image: (height, width) [DN].
+        noise: of the image.
+
+    Yields:
+        Corners (4, 2) in the image, clockwise as seen [px], and the standard deviation of the blur they were seen through [px].
     """
     copies = _Copies(image, noise)
     for place in _places(copies):

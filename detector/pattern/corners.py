@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from detector.pattern.corner_fit import (
     CURVED,
     LEVELS,
+    RESULTS,
     SLOPING,
     Equations,
     Readings,
@@ -30,6 +31,7 @@ from detector.pattern.corner_fit import (
     corner_covariance,
     descend,
     last_step,
+    scatter,
 )
 from detector.pattern.pattern import (
     CLEARANCE,
@@ -38,6 +40,7 @@ from detector.pattern.pattern import (
     SQUARE,
     Edges,
     Pattern,
+    clearance_of,
     homography,
     project,
     select_pixels,
@@ -53,8 +56,16 @@ MAX_LAST_STEPS = 6
 #: A step below this is the last [px]: what it leaves is of second order. So is one that lowers chi-square by little: it is a
 #: small part of the noise.
 LAST_PX, LAST_CHI2 = 0.06, 0.5
-#: After a longer step, other pixels know where the edges are [px].
+#: After a longer step, other pixels know where the edges are [px, or deviations of the blur where that is more than one].
 ELSEWHERE_PX = 0.5
+#: The blur that a fit starts from is a guess: the standard deviation of its logarithm, and the change of it after which other
+#: pixels are looked at.
+BLUR_DOUBT, OTHER_BLUR = 0.7, 0.2
+#: Descents at most, each with pixels chosen for the blur that the last one found.
+MAX_DESCENTS = 4
+#: Readings further off the model than this many standard deviations, or times the scatter of all readings about the model where
+#: that is wider, are outliers: hot and dead pixels, a flare.
+OUTLIER_SIGMAS = 6.0
 #: Curved light is fitted where the reduced chi-square of sloping light is worse than this, as with the Sun so near the camera's
 #: axis that the tape returns it.
 CURVED_FROM = 1.5
@@ -65,12 +76,13 @@ MISFIT_FROM, MISFIT_CORRELATION = 4.0, 10.0
 
 @dataclass(frozen=True)
 class Descent:
-    """Where a fit ended: homography (3, 3) relative to an origin (2,), information about it and the levels, and result."""
+    """Where a fit ended: homography (3, 3) relative to an origin (2,), information about all parameters, result, and blur."""
 
     origin: FloatArray
     matrix: FloatArray
     normal: FloatArray
     result: FloatArray
+    sigma_px: float
 
 
 @dataclass(frozen=True)
@@ -86,6 +98,8 @@ class PatternFit:
     reduced_chi2: float
     unexplained: float  # variance left beyond the noise, over the variance explained
     significance: float  # the pattern's variance in noise standard deviations
+    sigma_px: float  # standard deviation of point spread and pixel box together
+    sigma_deviation_px: float  # standard deviation of that
     descent: Descent  # where the fit ended, for `refined`
 
     @property
@@ -122,7 +136,26 @@ def sample(
         columns, rows, extra = columns[readable], rows[readable], np.asarray(extra[readable], float)
     data = gather(image, columns, rows)
     saturated = data >= noise.saturated_above_dn
-    return Readings(columns - origin[0], rows - origin[1], data, saturated, extra, noise_numbers(noise))
+    return Readings(
+        columns=columns - origin[0],
+        rows=rows - origin[1],
+        data=data,
+        saturated=saturated,
+        extra=extra,
+        noise=noise_numbers(noise),
+        cut=np.inf,
+    )
+
+
+def winsorised(readings: Readings) -> Readings:
+    """The readings, those far outside the range of most drawn in: a hot pixel must not outweigh a whole dim marker."""
+    count = len(readings.data)
+    if count < 20:
+        return readings
+    few, many = count // 20, count - 1 - count // 20
+    ordered = np.partition(readings.data, (few, many))
+    spread = ordered[many] - ordered[few]
+    return readings._replace(data=np.clip(readings.data, ordered[few] - spread, ordered[many] + spread))
 
 
 def fit_pattern(
@@ -135,73 +168,90 @@ def fit_pattern(
 ) -> PatternFit | None:
     """Fit the pattern to an image from approximate corners.
 
-    Corners seen through a blur of `blur_px` may be further off than an edge is wide: then a model blurred as much draws
-    them in first. Blurring both sides of an edge alike leaves it where it is.
+    The blur is fitted along with corners and light. Corners seen through a blur of `blur_px` may be further off than an edge is
+    wide: then the fit starts from as much blur, which draws them in. Blurring both sides of an edge alike leaves it where it is.
 
     Args:
         image: (height, width) [DN].
         pattern: what is printed.
         corners_px: approximate corners, (4, 2), the marker's top left first, clockwise [px].
-        sigma_px: standard deviation of point spread and pixel box together [px].
+        sigma_px: first guess of the standard deviation of point spread and pixel box together [px].
         noise: of the image.
         blur_px: blur of the copy that the corners were found in, standard deviation [px].
 
     Returns:
         The fit; None where it diverges or the pattern leaves the image.
     """
-    fitting = _Fitting(image, pattern, sigma_px, noise, np.round(corners_px.mean(0)))
-    state = State(homography(corners_px - fitting.origin), np.zeros(len(LEVELS)))
-    blurred = float(np.hypot(sigma_px, blur_px))
-    for sigma in (blurred, sigma_px) if blur_px > sigma_px else (sigma_px,):
-        few = fitting.readings(state.matrix, DESCENT_PIXELS)
-        if few is None or not descend(few, Template(pattern.lines, pattern.cells, sigma), state):
+    fitting = _Fitting(image, pattern, noise, np.round(corners_px.mean(0)))
+    start = float(np.hypot(sigma_px, blur_px)) if blur_px > sigma_px else sigma_px
+    state = State(homography(corners_px - fitting.origin), np.zeros(len(LEVELS)), np.array([start]))
+    template = Template(pattern.lines, pattern.cells, sigma_px, BLUR_DOUBT)
+    for _ in range(MAX_DESCENTS):
+        before = state.blur[0] if state.levels[0] else sigma_px
+        few = fitting.readings(state.matrix, before, DESCENT_PIXELS)
+        if few is None or not descend(winsorised(few), template, state):
             return None
-    fit = _last_steps(fitting, state, SLOPING)
+        if abs(math.log(state.blur[0] / before)) < OTHER_BLUR:
+            break
+    fit = _last_steps(fitting, template, state, SLOPING)
     if fit is None or fit.reduced_chi2 < CURVED_FROM:
         return fit
-    return _last_steps(fitting, state, CURVED) or fit
+    return _last_steps(fitting, template, state, CURVED) or fit
 
 
 @dataclass(frozen=True)
 class _Fitting:
-    """What a fit starts from: image, pattern, blur, noise, and the origin (2,) that its homographies are relative to [px]."""
+    """What a fit starts from: image, pattern, noise, and the origin (2,) that its homographies are relative to [px]."""
 
     image: np.ndarray
     pattern: Pattern
-    sigma_px: float
     noise: NoiseModel
     origin: FloatArray
 
-    @property
-    def template(self) -> Template:
-        return Template(self.pattern.lines, self.pattern.cells, self.sigma_px)
-
-    def readings(self, matrix: FloatArray, most: int) -> Readings | None:
+    def readings(self, matrix: FloatArray, sigma_px: float, most: int) -> Readings | None:
         """Readings of the pixels that know where the edges are, about `most` of them; None where they are too few."""
-        edges = Edges(self.pattern.lines, self.sigma_px, NOWHERE, self.pattern.openings)
+        clearance = clearance_of(sigma_px / self.pattern.bit_px(matrix))
+        edges = Edges(self.pattern.lines, sigma_px, clearance, NOWHERE, self.pattern.openings)
         columns, rows = _edge_pixels(self.image, self.pattern, moved(matrix, self.origin), edges, most)
         found = sample(self.image, columns, rows, self.origin, self.noise)
         return found if len(found.data) >= 60 else None
 
 
-def _last_steps(fitting: _Fitting, state: State, parameters: int) -> PatternFit | None:
+def _last_steps(fitting: _Fitting, template: Template, state: State, parameters: int) -> PatternFit | None:
     """The fit's end from near it, on `state` in place; None where there is none."""
-    normal, rhs, result = np.empty((parameters, parameters)), np.empty(parameters), np.empty(4)
-    readings = None
+    normal, rhs, result = np.empty((parameters, parameters)), np.empty(parameters), np.empty(RESULTS)
+    readings, chosen_px = None, 0.0
     for _ in range(MAX_LAST_STEPS):
         # The same pixels as long as they are near the edges: others would bring other noise, and no end.
-        readings = readings or fitting.readings(state.matrix, MAX_PIXELS)
+        if readings is None:
+            chosen_px = float(state.blur[0])
+            readings = fitting.readings(state.matrix, chosen_px, MAX_PIXELS)
         if readings is None:
             return None
-        moved_px, gain, count = last_step(readings, fitting.template, state, Equations(normal, rhs, result))
+        readings = readings._replace(cut=_cut(readings, template, state))
+        moved_px, gain, count = last_step(readings, template, state, Equations(normal, rhs, result))
         if not moved_px >= 0:
             return None
         if moved_px < LAST_PX or gain < LAST_CHI2:
-            information = normal[:count, :count].copy()
-            return _finish(Descent(fitting.origin, state.matrix.copy(), information, result), state.levels.copy())
-        if moved_px > ELSEWHERE_PX:
+            information, sigma_px = normal[:count, :count].copy(), float(state.blur[0])
+            descent = Descent(fitting.origin, state.matrix.copy(), information, result, sigma_px)
+            return _finish(descent, state.levels.copy())
+        if moved_px > ELSEWHERE_PX * max(chosen_px, 1.0) or abs(math.log(state.blur[0] / chosen_px)) > OTHER_BLUR:
             readings = None
     return None
+
+
+def _cut(readings: Readings, template: Template, state: State) -> float:
+    """How many standard deviations off the model a reading is an outlier; the scatter is taken from some of the readings."""
+    every = len(readings.data) // DESCENT_PIXELS + 1
+    some = readings._replace(
+        columns=np.ascontiguousarray(readings.columns[::every]),
+        rows=np.ascontiguousarray(readings.rows[::every]),
+        data=np.ascontiguousarray(readings.data[::every]),
+        saturated=np.ascontiguousarray(readings.saturated[::every]),
+        extra=np.ascontiguousarray(readings.extra[::every]),
+    )
+    return OUTLIER_SIGMAS * max(1.0, scatter(some, template, state))
 
 
 def _edge_pixels(
@@ -210,15 +260,13 @@ def _edge_pixels(
     """Pixels near the pattern's edges; see `select_pixels`. They end well inside the marker's outline."""
     height, width = image.shape
     corner = project(matrix, SQUARE[:2] * pattern.outline)
-    room_px = math.dist(*corner) * (1 - pattern.ring / pattern.outline) / 2 - CLEARANCE * edges.sigma_px
+    room_px = math.dist(*corner) * (1 - pattern.ring / pattern.outline) / 2 - edges.clearance * edges.sigma_px
     margin_px = -min(KNOWING_REACH * edges.sigma_px, room_px)
     columns, rows = select_pixels(matrix, pattern.ring, (height, width), margin_px, float(most), edges)
     return columns, rows
 
 
-def refined(
-    fit: PatternFit, image: np.ndarray, pattern: Pattern, blobs: FloatArray, sigma_px: float, noise: NoiseModel
-) -> PatternFit:
+def refined(fit: PatternFit, image: np.ndarray, pattern: Pattern, blobs: FloatArray, noise: NoiseModel) -> PatternFit:
     """A fit with what the pixels beside the elements know of the ring's outer edge, once it is known where they are bright.
 
     Args:
@@ -226,24 +274,27 @@ def refined(
         image: (height, width) [DN].
         pattern: what is printed.
         blobs: rectangles x0, x1, y0, y1 of the plane that blobs may light, (k, 4) [plane units].
-        sigma_px: standard deviation of point spread and pixel box together [px].
         noise: of the image.
 
     Returns:
         The better fit; `fit` itself where those pixels say nothing or contradict it.
     """
     start = fit.descent
-    edges = Edges(pattern.lines, sigma_px, pattern.openings, blobs)
+    edges = Edges(pattern.lines, fit.sigma_px, CLEARANCE, pattern.openings, blobs)
     columns, rows = _edge_pixels(image, pattern, fit.matrix, edges, MAX_PIXELS)
     readings = sample(image, columns, rows, start.origin, noise)
     if not len(readings.data):
         return fit
-    state = State(start.matrix.copy(), fit.levels_dn.copy())
+    state = State(start.matrix.copy(), fit.levels_dn.copy(), np.array([fit.sigma_px]))
+    template = Template(pattern.lines, pattern.cells, fit.sigma_px, BLUR_DOUBT)
     equations = Equations(start.normal.copy(), np.zeros(len(start.normal)), start.result.copy())
-    moved_px = add_readings(readings, Template(pattern.lines, pattern.cells, sigma_px), state, equations)
-    if not 0 <= moved_px < ELSEWHERE_PX:  # far off, the light is none that the pattern explains
+    moved_px = add_readings(readings._replace(cut=_cut(readings, template, state)), template, state, equations)
+    if (
+        not 0 <= moved_px < ELSEWHERE_PX * max(fit.sigma_px, 1.0)
+    ):  # far off, the light is none that the pattern explains
         return fit
-    return _finish(Descent(start.origin, state.matrix, equations.normal, equations.result), state.levels) or fit
+    descent = Descent(start.origin, state.matrix, equations.normal, equations.result, float(state.blur[0]))
+    return _finish(descent, state.levels) or fit
 
 
 def moved(matrix: FloatArray, origin: FloatArray) -> FloatArray:
@@ -255,11 +306,13 @@ def moved(matrix: FloatArray, origin: FloatArray) -> FloatArray:
 
 def _finish(descent: Descent, levels: FloatArray) -> PatternFit | None:
     """The fit that a descent ended at, with the covariance of its corners; None where it has none."""
-    _, chi2, active, explained = descent.result
+    _, chi2, active, explained, own_chi2 = descent.result
     reduced = float(chi2 / max(active - len(descent.normal), 1))
     corners, joint = np.empty((4, 2)), np.empty((8, 8))
     misfit = MISFIT_CORRELATION * max(reduced - MISFIT_FROM, 0.0)
-    if not corner_covariance(descent.matrix, descent.normal, max(1.0, reduced) + misfit, corners, joint):
+    state = State(descent.matrix, levels, np.array([descent.sigma_px]))
+    blur_variance = corner_covariance(state, descent.normal, max(1.0, reduced) + misfit, corners, joint)
+    if not blur_variance >= 0:
         return None
     return PatternFit(
         matrix=moved(descent.matrix, descent.origin),
@@ -267,7 +320,9 @@ def _finish(descent: Descent, levels: FloatArray) -> PatternFit | None:
         covariance_px2=joint,
         levels_dn=levels,
         reduced_chi2=reduced,
-        unexplained=float(max(chi2 - active, 0.0) / explained if explained > 0 else np.inf),
+        unexplained=float(max(own_chi2 - active, 0.0) / explained if explained > 0 else np.inf),
         significance=math.sqrt(max(explained, 0.0)),
+        sigma_px=descent.sigma_px,
+        sigma_deviation_px=descent.sigma_px * math.sqrt(blur_variance),
         descent=descent,
     )

@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 
 from detector.compiled import BLOCK, kernel, mirror
-from detector.pattern.corners import moved, sample
+from detector.pattern.corners import moved, sample, winsorised
 from detector.pattern.pattern import Pattern, Sight, homography, inverse3, nearest_pixels, new_block, pixels_of, see
 from detector.sensor.noise import NoiseModel
 from radiometry.geometry import FloatArray
@@ -56,15 +56,22 @@ class Decoder:
     def decode(
         self, image: np.ndarray, corners_px: FloatArray, sigma_px: float, noise: NoiseModel
     ) -> tuple[Decoded, Decoded] | None:
-        """Best match over all identities, and over this marker's identity.
+        """Decode a quadrilateral: the best match over all identities, and over this marker's own.
 
-        None where the quadrilateral holds too little, or clearly neither this marker's pattern nor any other.
+        Args:
+            image: (height, width) [DN].
+            corners_px: corners of the quadrilateral, (4, 2), clockwise as seen [px].
+            sigma_px: standard deviation of point spread and pixel box together [px].
+            noise: of the image.
+
+        Returns:
+            Both matches; None where the quadrilateral holds too little, or clearly neither this marker's pattern nor any other.
         """
         origin = np.round(corners_px.mean(0))
         matrix = homography(corners_px - origin)
         reach = 1 + 2 * self.pattern.marker.ring_fraction
         columns, rows = pixels_of(moved(matrix, origin), reach, image.shape, 0.0, MAX_PIXELS)
-        seen = sample(image, columns, rows, origin, noise)
+        seen = winsorised(sample(image, columns, rows, origin, noise))
         if len(seen.data) < 40:
             return None
         size = self.templates.shape[1]
@@ -107,11 +114,11 @@ def _gather_cells(readings, sight, normal, match) -> tuple[float, float]:
 
     Returns the data's sum of squares about its mean, and the part of it that is noise.
     """
-    columns, rows, data, _, extra, noise = readings
+    columns, rows, data, _, extra, noise, _ = readings
     last = len(sight.lines) - 2
     block = new_block(sight, columns, rows)
-    first_x, share_x, _ = block.columns
-    first_y, share_y, _ = block.rows
+    first_x, share_x, _, _ = block.columns
+    first_y, share_y, _, _ = block.rows
     size, inner, strips = len(match), len(sight.lines) - 5, len(share_x)
     value, where, total = np.empty(size), np.empty(size, np.int64), np.zeros(size)
     read_variance, gain, offset, limit = noise
@@ -156,9 +163,14 @@ def decoder_of(marker: MarkerDesign) -> Decoder:
 
 
 def has_ring(image: np.ndarray, corners_px: FloatArray, pattern: Pattern, noise_dn: float) -> bool:
-    """Cheap first test of a quadrilateral: all four sides of a reflective ring outshine all four of the border inside.
+    """Cheap first test of a quadrilateral: whether all four sides of a reflective ring outshine the dark border inside.
 
-    `noise_dn`: of a single pixel; the weakest and the strongest mean of eight pixels may cross by that much.
+    Args:
+        image: (height, width) [DN].
+        corners_px: corners of the quadrilateral, (4, 2), clockwise as seen [px].
+        pattern: what is printed.
+        noise_dn: noise of a single pixel [DN]. The weakest side of the ring and the strongest side of the border, means over
+            eight pixels, may cross by that much.
     """
     columns, rows = np.empty(len(pattern.probes), np.int64), np.empty(len(pattern.probes), np.int64)
     if not nearest_pixels(homography(corners_px), pattern.probes, image.shape[0], image.shape[1], columns, rows):

@@ -23,8 +23,8 @@ from scenes.marker import Element, MarkerDesign
 SQUARE = np.array([[-1.0, 1.0], [1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]])
 #: Blur deviations from an edge within which pixels know where it is: 98.9 % of the information, its error function.
 KNOWING_REACH = 1.8
-#: Blur deviations kept clear of light that a model does not know.
-CLEARANCE = 2.5
+#: Blur deviations kept clear of light that a model does not know; so many bits at most, but never less than the least deviations.
+CLEARANCE, CLEARANCE_BITS, LEAST_CLEARANCE = 2.5, 1.5, 1.5
 #: No rectangle.
 NOWHERE = np.empty((0, 4))
 
@@ -32,6 +32,11 @@ NOWHERE = np.empty((0, 4))
 def kernel_sigma_px(psf_sigma_px: float) -> float:
     """Standard deviation of point spread and pixel box together [px]; the box of one pixel has variance 1/12."""
     return float(np.sqrt(psf_sigma_px**2 + 1 / 12))
+
+
+def clearance_of(sigma_bits: float) -> float:
+    """Blur deviations to keep clear of unknown light at a blur of so many bits: of a much blurred marker nothing else is left."""
+    return max(min(CLEARANCE, CLEARANCE_BITS / sigma_bits), LEAST_CLEARANCE)
 
 
 def homography(corners_px: FloatArray) -> FloatArray:
@@ -117,6 +122,7 @@ class Edges(NamedTuple):
 
     lines: FloatArray  # grid lines, along x as along y; empty where every pixel is wanted
     sigma_px: float  # standard deviation of the blur
+    clearance: float  # the blur reaches a rectangle from this many deviations on
     only: FloatArray  # rectangles x0, x1, y0, y1 of the plane, (k, 4): a pixel's blur must touch one of them; none: anywhere
     never: FloatArray  # rectangles that a pixel's blur must not touch, (k, 4)
 
@@ -127,6 +133,7 @@ class Strips(NamedTuple):
     first: NDArray[np.int64]  # index of the first strip, (BLOCK,)
     share: FloatArray  # part of the pixel's blur that lies in each strip, (strips, BLOCK)
     slope: FloatArray  # derivative of the share by the place of the pixel [1/plane unit], (strips, BLOCK)
+    spread: FloatArray  # derivative of the share by the logarithm of the blur, (strips, BLOCK)
 
 
 class Block(NamedTuple):
@@ -141,9 +148,10 @@ class Block(NamedTuple):
     yv: FloatArray
     columns: Strips  # strips of cells along x
     rows: Strips  # strips of cells along y
-    value: FloatArray  # blurred reflectance and its derivatives by x and y
+    value: FloatArray  # blurred reflectance and its derivatives by x, by y and by the logarithm of the blur
     by_x: FloatArray
     by_y: FloatArray
+    by_blur: FloatArray
 
 
 @kernel
@@ -158,8 +166,8 @@ def new_block(sight, columns, rows):
         narrowest = min(narrowest, lines[k + 1] - lines[k])
     reach = 2 * EDGE_REACH * sigma_px * math.sqrt(widest) / narrowest
     strips = min(int(reach) + 2, len(lines) - 1) if reach < len(lines) else len(lines) - 1
-    shares = np.empty((4, strips, BLOCK))
-    reals = np.empty((10, BLOCK))
+    shares = np.empty((6, strips, BLOCK))
+    reals = np.empty((11, BLOCK))
     return Block(
         x=reals[0],
         y=reals[1],
@@ -168,11 +176,12 @@ def new_block(sight, columns, rows):
         xv=reals[4],
         yu=reals[5],
         yv=reals[6],
-        columns=Strips(np.empty(BLOCK, np.int64), shares[0], shares[1]),
-        rows=Strips(np.empty(BLOCK, np.int64), shares[2], shares[3]),
+        columns=Strips(np.empty(BLOCK, np.int64), shares[0], shares[1], shares[4]),
+        rows=Strips(np.empty(BLOCK, np.int64), shares[2], shares[3], shares[5]),
         value=reals[7],
         by_x=reals[8],
         by_y=reals[9],
+        by_blur=reals[10],
     )
 
 
@@ -198,53 +207,61 @@ def see(block, sight, columns, rows, start, used) -> None:
 @wide_kernel
 def _share(place, scale, lines, used, strips) -> None:
     """What strips of cells between neighbouring lines put into pixels at places (n,) blurred by 1/`scale`."""
-    first, share, slope = strips
-    count, before, peak_before = len(lines) - 1, np.empty(BLOCK), np.empty(BLOCK)
+    first, share, slope, spread = strips
+    count, before, peak_before, away_before = len(lines) - 1, np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK)
     # The lines between the ring's are evenly spaced.
     start, per_line = lines[1], 1 / (lines[2] - lines[1])
     for p in range(used):
         near = place[p] - EDGE_REACH / scale[p]
         first[p] = min(int(max((near - start) * per_line + 1, 0.0)), count - 1)
-        before[p], peak_before[p] = edge((place[p] - lines[first[p]]) * scale[p])
+        away_before[p] = (place[p] - lines[first[p]]) * scale[p]
+        before[p], peak_before[p] = edge(away_before[p])
     for k in range(len(share)):
-        part, part_slope = share[k], slope[k]
+        part, part_slope, part_spread = share[k], slope[k], spread[k]
         for p in range(used):
-            after, peak_after = edge((place[p] - lines[min(first[p] + k + 1, count)]) * scale[p])
+            away = (place[p] - lines[min(first[p] + k + 1, count)]) * scale[p]
+            away = min(max(away, -EDGE_REACH), EDGE_REACH)
+            after, peak_after = edge(away)
             part[p], part_slope[p] = before[p] - after, (peak_before[p] - peak_after) * scale[p]
-            before[p], peak_before[p] = after, peak_after
+            # With z = d/σ, dΦ(z)/d ln σ = −z φ(z).
+            part_spread[p] = away * peak_after - away_before[p] * peak_before[p]
+            before[p], peak_before[p], away_before[p] = after, peak_after, away
 
 
 @wide_kernel
 def shine(block, cells, sigma_px, used) -> None:
     """Blurred reflectance of the cells (n, n) in `used` pixels, and its derivatives by x and y, from what `see` left."""
-    first_x, share_x, slope_x = block.columns
-    first_y, share_y, slope_y = block.rows
+    first_x, share_x, slope_x, spread_x = block.columns
+    first_y, share_y, slope_y, spread_y = block.rows
     last, strips = len(cells) - 1, len(share_x)
     for p in range(used):
-        value = by_x = by_y = by_both = 0.0
+        value = by_x = by_y = by_both = by_blur = 0.0
         for i in range(strips):
             strip = cells[min(first_x[p] + i, last)]
-            across = across_slope = 0.0
+            across = across_slope = across_spread = 0.0
             for j in range(strips):
                 cell = strip[min(first_y[p] + j, last)]
                 across += cell * share_y[j, p]
                 across_slope += cell * slope_y[j, p]
+                across_spread += cell * spread_y[j, p]
             value += share_x[i, p] * across
             by_x += slope_x[i, p] * across
             by_y += share_x[i, p] * across_slope
             by_both += slope_x[i, p] * across_slope
+            by_blur += spread_x[i, p] * across + share_x[i, p] * across_spread
         skew = block.xu[p] * block.yu[p] + block.xv[p] * block.yv[p]
-        block.value[p] = value + sigma_px * sigma_px * skew * by_both
-        block.by_x[p], block.by_y[p] = by_x, by_y
+        askew = sigma_px * sigma_px * skew * by_both
+        block.value[p] = value + askew
+        block.by_x[p], block.by_y[p], block.by_blur[p] = by_x, by_y, by_blur + 2 * askew
 
 
 @wide_kernel
 def _know_edges(inverse, edges, row, first, stride, wanted) -> None:
     """Which of every `stride`-th pixel of a row from `first` on `select_pixels` wants; without branches, several at a time."""
-    lines, sigma_px, only, never = edges
+    lines, sigma_px, clearance, only, never = edges
     steps, outer = len(lines) - 3.0, lines[len(lines) - 1]
     step, per_step = 2 / steps, steps / 2
-    knowing, clear = (KNOWING_REACH * sigma_px) ** 2, CLEARANCE / KNOWING_REACH
+    knowing, clear = (KNOWING_REACH * sigma_px) ** 2, clearance / KNOWING_REACH
     count = len(wanted)
     place = np.empty((4, count))
     x, y, reach_x, reach_y = place[0], place[1], place[2], place[3]
@@ -372,7 +389,7 @@ def select_pixels(
 
 
 #: Every pixel, near an edge or not.
-EVERYWHERE = Edges(np.empty(0), 0.0, NOWHERE, NOWHERE)
+EVERYWHERE = Edges(np.empty(0), 0.0, 0.0, NOWHERE, NOWHERE)
 
 
 @kernel
@@ -449,6 +466,11 @@ class Pattern:
         half = marker.aruco_m / 2
         #: Openings of the elements (4, 4): x0, x1, y0, y1.
         self.openings = np.array([opening_of(e, -e.length_m, e.length_m) for e in marker.elements]) / half
+
+    def bit_px(self, matrix: FloatArray) -> float:
+        """What a bit spans through a homography (3, 3): the root of its area at the marker's centre [px]."""
+        slope = matrix[:2, :2] - np.outer(matrix[:2, 2], matrix[2, :2])
+        return float(np.sqrt(abs(np.linalg.det(slope)))) * 2 / len(self.marker.bits)
 
     @cached_property
     def cells(self) -> FloatArray:

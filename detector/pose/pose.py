@@ -50,18 +50,36 @@ class Pose:
     residual: float
     """Reduced chi-square of corners and blobs."""
     ambiguous: bool
-    """True where an attitude more than 5° off explains the features within Δχ² = 9."""
+    """True where an attitude more than 5° off explains the features within Δχ² = 9, be it another minimum or the same one that is
+    so wide, or where no attitude explains them."""
 
 
 def solve_pose(features: Features, marker: MarkerDesign, camera: Camera) -> Pose | None:
-    """Pose from any features with corners; blobs, where present, settle the attitude. None without corners or solution."""
+    """Pose of a marker by maximum likelihood from its corners and blobs; blobs, where present, settle the attitude.
+
+    Args:
+        features: what was found, in the image of a lens without distortion.
+        marker: its design.
+        camera: focal length and principal point.
+
+    Returns:
+        Pose with its covariance, flagged where it is ambiguous or contradicts the features; None without corners or solution.
+    """
     if features.corners_px is None or features.corners_covariance_px2 is None:
         return None
     problem = problem_of([(features, marker, np.zeros(3))], camera)
     pose = _from_first(problem, marker)
-    if pose is None or not len(problem.blobs_px) or _probability(pose, problem) > CONTRADICTION:
+    if pose is None or _probability(pose, problem) > CONTRADICTION:
         return pose
-    return _with_wider_blobs(features, marker, camera) or pose
+    wider = _with_wider_blobs(features, marker, camera) if len(problem.blobs_px) else None
+    if wider is not None:
+        return wider
+    # Corners and blobs that contradict each other by more than their models may miss belong to no pose.
+    problem = _doubted(features, marker, camera)
+    problem = problem._replace(blob_sigma_px=np.hypot(problem.blob_sigma_px, CORNER_DOUBT_PX))
+    doubted = _from_first(problem, marker)
+    contradicts = doubted is None or _probability(doubted, problem) < CONTRADICTION
+    return replace(pose, ambiguous=pose.ambiguous or contradicts)
 
 
 def _from_first(problem: Problem, marker: MarkerDesign) -> Pose | None:
@@ -86,8 +104,7 @@ def _with_wider_blobs(features: Features, marker: MarkerDesign, camera: Camera) 
     alone = _from_first(corners, marker)
     if alone is None or _probability(alone, corners) < UNLIKELY:
         return None
-    doubted = features.corner_covariance_px2 + CORNER_DOUBT_PX**2 * np.eye(8)
-    problem = problem_of([(replace(features, joint_covariance_px2=doubted), marker, np.zeros(3))], camera)
+    problem = _doubted(features, marker, camera)
     pose = _from_first(problem, marker)
     for _ in range(WIDENINGS):
         if pose is None or _probability(pose, problem) > UNLIKELY:
@@ -95,6 +112,12 @@ def _with_wider_blobs(features: Features, marker: MarkerDesign, camera: Camera) 
         problem = problem._replace(blob_sigma_px=problem.blob_sigma_px * np.sqrt(pose.residual))
         pose = _from_first(problem, marker) or pose
     return pose
+
+
+def _doubted(features: Features, marker: MarkerDesign, camera: Camera) -> Problem:
+    """The measurements, with the corners' deviations widened by what their model may miss."""
+    doubted = features.corner_covariance_px2 + CORNER_DOUBT_PX**2 * np.eye(8)
+    return problem_of([(replace(features, joint_covariance_px2=doubted), marker, np.zeros(3))], camera)
 
 
 def problem_of(found: Sequence[tuple[Features, MarkerDesign, FloatArray]], camera: Camera) -> Problem:
@@ -141,4 +164,7 @@ def best_pose(problem: Problem, rotations: FloatArray, translations: FloatArray)
     rivals = [k for k in keep[1:] if cost[k] - cost[best] < AMBIGUOUS_CHI2]
     ambiguous = any(rotation_angle(rotations[k], rotations[best]) > DISTINCT_RAD for k in rivals)
     pose = Pose(rotations[best], translations[best], (covariance + covariance.T) / 2, reduced, ambiguous)
-    return replace(pose, covariance=pose.covariance * reduced) if _probability(pose, problem) < UNLIKELY else pose
+    if _probability(pose, problem) < UNLIKELY:
+        pose = replace(pose, covariance=pose.covariance * reduced)
+    widest = float(np.linalg.eigvalsh(pose.covariance[:3, :3])[-1])
+    return replace(pose, ambiguous=ambiguous or AMBIGUOUS_CHI2 * widest > DISTINCT_RAD**2)

@@ -16,6 +16,11 @@ from radiometry.geometry import FloatArray
 SATURATION_MARGIN_SIGMA = 4.0
 
 
+#: The brightest pixels of a frame are a plateau of full ones where so many of them lie within so many read-noise deviations, at
+#: least this many deviations above the dark level, and scatter by no more than this times the read noise.
+PLATEAU_PIXELS, PLATEAU_SIGMAS, PLATEAU_CONTRAST, PLATEAU_SPREAD = 12, 10.0, 80.0, 1.5
+
+
 @dataclass(frozen=True)
 class NoiseModel:
     """Linear camera model: DN = offset + gain · electrons, with shot noise and Gaussian read noise."""
@@ -65,7 +70,7 @@ class NoiseModel:
 
 
 def noise_of(sensor: Sensor, image: NDArray[Any]) -> NoiseModel | None:
-    """Noise of an image (height, width) where it can come from the sensor by its number type and range, else None."""
+    """Noise of an image (height, width) [DN]; None where its number type or range shows that it is not the sensor's."""
     container = np.uint8 if sensor.bits <= 8 else np.uint16
     if image.dtype != container or image.max(initial=0) > sensor.max_dn:
         return None
@@ -94,4 +99,28 @@ def estimate_noise(image: np.ndarray) -> NoiseModel:
     # A maximum shared by many pixels is a clip, not a coincidence.
     clipped = np.count_nonzero(image >= top) >= 8
     low = float(np.percentile(data, 5))
-    return NoiseModel(0.0, max(spread, floor, 1e-6 * (top - low), 1e-12), low, top if clipped and top > low else np.inf)
+    read = max(spread, floor, 1e-6 * (top - low), 1e-12)
+    full = top if clipped and top > low else plateau(image, read, low)
+    return NoiseModel(0.0, read, low, full)
+
+
+def plateau(image: np.ndarray, read_noise_dn: float, dark_dn: float) -> float:
+    """Level [DN] at which the brightest pixels of an image (H, W) are full, infinite where none are.
+
+    A full well clips before the read noise is added, and a converter may shift or scale what it reads: so the pixels at the top
+    do not share one number, but scatter about a level by the read noise alone. Pixels that are not full, so far above the dark
+    level, scatter by their shot noise, and fewer and fewer are that bright.
+    """
+    top = float(image.max())
+    reach = PLATEAU_SIGMAS * read_noise_dn
+    brightest = np.asarray(image[image > top - 2 * reach], float)
+    full = brightest[brightest > top - reach]
+    level = float(np.median(full))
+    if (
+        len(full) < PLATEAU_PIXELS
+        or len(full) < 0.75 * len(brightest)
+        or level - dark_dn < PLATEAU_CONTRAST * read_noise_dn
+    ):
+        return np.inf
+    spread = 1.4826 * float(np.median(np.abs(full - level)))
+    return level if spread < PLATEAU_SPREAD * read_noise_dn else np.inf
