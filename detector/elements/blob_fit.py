@@ -245,8 +245,7 @@ def search_positions(view, readings, starts, level):
 @kernel
 def descend(view, readings, blob, pitch, level):
     """Gauss–Newton steps of a blob's position, no longer than half a pitch each, until it settles: the position, then what
-    `blob_step` tells of the last step.
-    """
+    `blob_step` tells of the last step."""
     last = blob_step(view, readings, blob, 0.05 * pitch, level)
     for _ in range(MAX_STEPS):
         step = min(max(last[0], -0.5 * pitch), 0.5 * pitch)

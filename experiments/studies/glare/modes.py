@@ -1,7 +1,7 @@
 """Counter-measures against sun glare, each a mode.
 
-They are the filter, the shutter, the on/off pair, the exposure bracket, a second band, polarisers, the chaser's own shadow, and the
-pipeline.
+They are the filter, the shutter, the on/off pair, the exposure bracket, a second band, polarisers, the chaser's own shadow, and
+the pipeline.
 
 A mode turns the electron rates of LEDs and Sun into an image, the noise the detector is told of, and a detection. The LED pulse
 is set so that the bright bits reach the scenario's fraction of the well; the Sun shines as long as the shutter is open.
