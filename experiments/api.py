@@ -311,7 +311,7 @@ def close(
         progress: called after every case that is confirmed.
 
     Returns:
-        `lead` is the recommended set; None where no set closes.
+        `recommended` is the recommended set; None where no set closes.
 
     Raises:
         ScenarioError: one line that names the key, the value, and what was expected.

@@ -128,7 +128,7 @@ class Material:
         return 1.0, gloss, retro
 
     def _lobe(self, name: str, to_source: FloatArray, to_viewer: FloatArray) -> FloatArray:
-        """f cosθ_o of one lobe alone, its spectrum set to one, for a normal along z."""
+        """F cosθ_o of one lobe alone, its spectrum set to one, for a normal along z."""
         cos_o = to_viewer[..., 2]
         alone = {lobe: float(lobe == name) for lobe in ("diffuse", "gloss", "retro")}
         chord2 = np.minimum(chord_squared(to_source, to_viewer), 4.0)

@@ -11,6 +11,7 @@ def markdown(block: Block, stem: str) -> Iterator[str]:
     """Paragraphs of Markdown that show a block; camera pictures are in the page for the browser alone.
 
     Args:
+        block: of the page.
         stem: name of the page's files, which figures and tables are linked by.
     """
     if isinstance(block, Text):

@@ -38,7 +38,8 @@ def marker_picture(
     Args:
         frame: (H, W) digital numbers.
         features: what the detector found in it.
-        centre_px, side_px: middle (2,) and side of the crop.
+        centre_px: middle of the crop, (2,).
+        side_px: side of the crop.
         outline_px: true corners of the ArUco square (4, 2), drawn dashed where the marker was not found.
     """
     half = max(int(np.ceil(side_px / 2)), 4)

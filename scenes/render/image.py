@@ -363,7 +363,7 @@ def _filtered(image: Image, across: FloatArray, along: FloatArray) -> Image:
 
 
 def _product(rows: Image, table: Image) -> Image:
-    """rows @ table in small pieces, for which BLAS starts no threads: they would compete with the renderer's."""
+    """Rows @ table in small pieces, for which BLAS starts no threads: they would compete with the renderer's."""
     whole = len(rows) // _PRODUCT_ROWS * _PRODUCT_ROWS
     pieces = rows[:whole].reshape(-1, _PRODUCT_ROWS, rows.shape[1])
     return np.concatenate([(pieces @ table).reshape(whole, table.shape[1]), rows[whole:] @ table])

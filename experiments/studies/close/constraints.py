@@ -164,6 +164,7 @@ def load_problem(path: Path | str | None = None, overrides: tuple[str, ...] = ()
     """Constraints of a TOML file, by default the shipped one, and the scenario that they name.
 
     Args:
+        path: TOML file of constraints; None is the shipped one.
         overrides: ``key=value``; keys that begin with ``close.`` change the constraints, all others the scenario.
         seed: of every random number; None is the scenario's.
 

@@ -164,8 +164,7 @@ def _bar_label(bar: Bar) -> str:
 
 
 def probability_figure(result: ClosureResult) -> Figure:
-    """Share of drawn worlds that close at each range, for either kind of exposure: the recommended set, and the best "
-    "hardware's."""
+    """Share of drawn worlds that close at each range, for either exposure: the recommended set, and the best hardware's."""
     figure, grid = new_figure(size_in=_SIZE_IN)
     axes: Axes = grid[0, 0]
     best = result.best.name if result.best else ""

@@ -175,8 +175,11 @@ def closed_form(
     """Tables of transport at the ranges and phases of the constraints; all else is the base scenario's, its tilt taken as none.
 
     Args:
+        base: the scenario as new.
+        constraints: ranges, phases, and what may be changed.
         end: with materials and LEDs at the end of the mission.
-        tapes, sizes_m: default those of the constraints.
+        tapes: names of tapes; None takes those of the constraints.
+        sizes_m: sizes of the marker [m]; None takes those of the constraints.
     """
     tapes = tapes or constraints.tapes
     made = [at_life(base.at(target={**base.target.model_dump(), "tape_material": t}), constraints, end) for t in tapes]
@@ -265,6 +268,7 @@ def fill_table(marker: MarkerDesign, aspect: float) -> FloatArray:
     is its mean over phases.
 
     Args:
+        marker: whose bits are seen.
         aspect: column pitch over row pitch.
     """
     cells = marker.reflective_rectangles_m() / marker.bit_m

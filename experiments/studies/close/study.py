@@ -130,6 +130,7 @@ def search_all(constraints: Constraints, base: Scenario, draws: int) -> ClosureR
     """All that the closed form says: search, other hardware, exposures, sensitivity, probability and the thesis's hardware.
 
     Args:
+        constraints: what may be changed, and how far.
         base: the scenario as new.
         draws: worlds drawn for a probability of closure.
     """

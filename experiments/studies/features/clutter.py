@@ -74,6 +74,10 @@ def run(
     """Frames, and false markers among them, by kind and by their size.
 
     Args:
+        scenario: camera, lights, marker and target.
+        frames: how many are searched.
+        workers: processes beside this one; None is one a core.
+        progress: called as the work goes on.
         renders: faces that the rendered share of the frames shows.
         cut: the frames are the middle of the detector, this many times fewer columns and rows.
     """

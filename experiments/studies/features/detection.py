@@ -162,6 +162,11 @@ def settings_of(
     """A series at attitudes (n, 3) of pitch, yaw, roll [deg], rendered together.
 
     Args:
+        scenario: camera, lights, marker and target.
+        series: the family's marker at one size.
+        attitudes_deg: pitch, yaw and roll of each setting [deg].
+        draws: noise draws of each position.
+        seed: of the noise.
         shifts: sub-pixel positions of each attitude (n, m, 2) [px].
     """
     marker = MarkerDesign.model_validate(

@@ -88,6 +88,10 @@ def expected_cnr(
     `off_scale`. An exposure bracket is read from its longest exposure that the bright bit does not fill.
 
     Args:
+        scenario: camera, lights, marker and target.
+        mode: the counter-measure.
+        led: electron rates of the bits by the LEDs alone.
+        sun: the same by the Sun alone.
         pulse: LED pulse [s].
         off_scale: factor on the frame that is subtracted.
     """

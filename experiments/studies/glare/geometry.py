@@ -118,6 +118,9 @@ def render(scenario: Scenario, names: tuple[str, ...], pair_interval_s: float, r
     """Render a geometry through the filters of the named modes, and once more an interval later where one is a pair.
 
     Args:
+        scenario: camera, lights, marker and target.
+        names: of the modes.
+        pair_interval_s: time between the two frames of a pair [s].
         rays: of one rendering of the frame.
     """
     modes = [MODES[name] for name in names]

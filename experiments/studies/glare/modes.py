@@ -1,5 +1,7 @@
-"""Counter-measures against sun glare, each a mode: filter, shutter, on/off pair, exposure bracket, second band, polarisers, the
-chaser's own shadow, the pipeline.
+"""Counter-measures against sun glare, each a mode.
+
+They are the filter, the shutter, the on/off pair, the exposure bracket, a second band, polarisers, the chaser's own shadow, and
+the pipeline.
 
 A mode turns the electron rates of LEDs and Sun into an image, the noise the detector is told of, and a detection. The LED pulse
 is set so that the bright bits reach the scenario's fraction of the well; the Sun shines as long as the shutter is open.
@@ -135,6 +137,10 @@ def expose_mode(
     """One image of a mode.
 
     Args:
+        scenario: camera, lights, marker and target.
+        mode: the counter-measure.
+        rates: electron rates of LEDs and Sun.
+        rng: draws the noise.
         seconds: LED pulse.
         motion_px: image motion (2,) of the target's marker between the two frames of a pair.
     """

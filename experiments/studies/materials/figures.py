@@ -20,7 +20,7 @@ _COLUMNS = 3
 
 
 def lobe_figure(pairs: Sequence[tuple[Material, Material | None]]) -> Figure:
-    """f against observation angle at three entrance angles, a panel each; dashed at the end of life."""
+    """F against observation angle at three entrance angles, a panel each; dashed at the end of life."""
     figure, panels = _panels(len(pairs), "observation angle [°]", f"BRDF at {WAVELENGTH_NM:g} nm [1/sr]", share_y=True)
     for axes, (fresh, worn) in zip(panels, pairs, strict=False):
         for entrance, colour in zip(ENTRANCES_DEG, _COLOURS, strict=True):

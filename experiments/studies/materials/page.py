@@ -48,6 +48,8 @@ def page(result: MaterialsResult, command: str, named: bool = False) -> Page:
     """What each material returns, as table and figures, and where its figures come from.
 
     Args:
+        result: of `study.run`.
+        command: the command line that makes it again.
         named: whether the materials were asked for by name; their sources are then told first.
     """
     rows = result.rows

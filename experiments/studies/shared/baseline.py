@@ -95,6 +95,7 @@ def baseline_detect(image: NDArray[np.uint8], marker: MarkerDesign, camera: Came
     """The pipeline's features with this project's pose solver; the image of a distorted lens is rectified first.
 
     Args:
+        marker: the design that is looked for.
         image: (height, width) of 8 bits.
         camera: its size must be the image's.
 

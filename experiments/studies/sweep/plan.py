@@ -71,7 +71,7 @@ class Sample(BaseModel):
 
 
 class SweepPlan(BaseModel):
-    """What to sweep. Keys are scenario keys, dotted: range_m, leds.count, sun.phase_deg, …"""
+    """What to sweep. Keys are scenario keys, dotted: range_m, leds.count, sun.phase_deg and so on."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
 
@@ -191,6 +191,7 @@ def load_sweep(path: Path, overrides: tuple[str, ...] = ()) -> Sweep:
     """Read a sweep file and make every scenario of it.
 
     Args:
+        path: the TOML file.
         overrides: ``key=value`` changes to the base scenario; they win over the file's [set].
 
     Raises:

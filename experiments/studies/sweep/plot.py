@@ -24,6 +24,9 @@ def draw_slice(results: Path, x: str, y: str, hue: str | None, select: tuple[str
     """Draw variable `y` over dimension `x`, a line for each value of `hue`; other dimensions are fixed.
 
     Args:
+        results: the dataset's file.
+        hue: dimension that separates the lines; None draws one.
+        out: the figure's file.
         x: a dimension, or a key of the points that were run side by side.
         y: a variable; one that is there both in closed form and rendered, say cnr, is drawn both ways: lines and points.
         select: ``dimension=value`` for dimensions that are neither; those left out are fixed at their first value.

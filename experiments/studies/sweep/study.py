@@ -56,6 +56,7 @@ def run_sweep(
     """Compute every case that the journal beside `out` does not hold yet, and write the dataset to `out`.
 
     Args:
+        sweep: the cases.
         out: NetCDF, or Zarr where it ends in .zarr.
         resume: go on with an interrupted sweep; without it an unfinished journal is refused.
         executor: makes the workers (`experiments.chain.executor`); without one this process computes. The result does not

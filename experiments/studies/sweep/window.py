@@ -20,6 +20,7 @@ def windowed(scenario: Scenario, extents: float) -> Scenario:
     """The scenario with its detector cut to a window about the optical axis, where the marker is.
 
     Args:
+        scenario: of a whole frame.
         extents: side of the window over the marker's extent in the image, along columns and rows apart.
 
     Raises:

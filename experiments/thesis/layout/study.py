@@ -110,8 +110,10 @@ def face_rate(scenario: Scenario, lay: Layout, rays: int) -> FloatArray:
 
 
 def face_exposure(scenario: Scenario, lay: Layout) -> float:
-    """Automatic exposure of a face [s]: that of a marker of its outer size at the centre, or of its inner size where that is
-    too near to be seen whole."""
+    """Automatic exposure of a face [s].
+
+    It is that of a marker of the face's outer size at its centre, or of its inner size where that is too near to be seen whole.
+    """
     budget = chain.link_budget(scenario, "eclipse")
     if np.isnan(budget.signal_rate):
         inner = scenario.at(marker=lay.placed[-1].design.model_dump())

@@ -3,7 +3,7 @@
 A decision problem is a weight matrix over criteria and one matrix over alternatives for each criterion, each filled
 by pairwise judgement. All quantities are dimensionless.
 
-References
+References:
 ----------
 [1] Saaty, "How to make a decision: the Analytic Hierarchy Process", Eur. J. Oper. Res. 48 (1990) 9-26.
 [2] Saaty and Tran, "On the invalidity of fuzzifying numerical judgments in the AHP", Math. Comput. Model. 46 (2007).

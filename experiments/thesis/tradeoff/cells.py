@@ -57,7 +57,7 @@ class PrintedCell:
 
     @property
     def verdict(self) -> str:
-        """right | rounding (of the inputs) | method (another normalisation or bound) | sign | misprint."""
+        """Right | rounding (of the inputs) | method (another normalisation or bound) | sign | misprint."""
         if self.agrees(self.right):
             return "right"
         if not np.isnan(self.reproduced) and self.agrees(-self.reproduced):

@@ -24,7 +24,8 @@ def load(source: str | None = None, overrides: tuple[str, ...] = (), seed: int |
 
     Args:
         source: path of a TOML file; None for the thesis's problem.
-        overrides, seed: not used.
+        overrides: not used.
+        seed: not used.
 
     Raises:
         ValueError: one line that names the key, where the file is not a valid problem.

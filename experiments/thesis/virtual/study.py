@@ -186,6 +186,9 @@ def run(
     """Run the plan's tests on rendered frames.
 
     Args:
+        scenario: the experiment's camera, marker and lights.
+        plan: what is walked through.
+        progress: called as the work goes on.
         workers: processes that look for targets in the frames that this one renders; default one a core.
         kept: folder of finished runs, which are not run again; made when needed.
     """

@@ -53,6 +53,7 @@ def test_rows_have_a_cell_for_every_heading() -> None:
 def test_a_page_writes_its_files_and_marks_what_differs(tmp_path: Path) -> None:
     plot, axes = new_figure()
     axes[0, 0].plot([0, 1], [0, 1])
+    axes[0, 0].set(xlabel="place [m]", ylabel="height [m]")
     sections = (
         claims_section([claim("1.2", 1.19), claim("2", 3.0)]),
         Section("line", "A line", (Plots((Plot("line", plot, "A line"),)),)),
