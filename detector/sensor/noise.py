@@ -100,7 +100,9 @@ def estimate_noise(image: np.ndarray) -> NoiseModel:
     clipped = np.count_nonzero(image >= top) >= 8
     low = float(np.percentile(data, 5))
     read = max(spread, floor, 1e-6 * (top - low), 1e-12)
-    full = top if clipped and top > low else plateau(image, read, low)
+    full = plateau(image, read, low)
+    if not np.isfinite(full) and clipped and top > low:
+        full = top
     return NoiseModel(0.0, read, low, full)
 
 

@@ -22,3 +22,14 @@ def test_the_estimated_noise_is_the_noise():
     assert estimate_noise(rng.normal(100, 3, (200, 200))).read_noise_dn == pytest.approx(3, rel=0.1)
     clipped = np.clip(rng.normal(100, 30, (200, 200)), 0, 120)
     assert estimate_noise(clipped).saturation_dn == 120
+
+
+def test_a_plateau_with_noise_on_it_is_the_saturation_and_bright_unsaturated_pixels_are_none() -> None:
+    rng = np.random.default_rng(19)
+    electrons = np.full((100, 100), 50.0)
+    electrons[20:60, 20:60] = 30_000.0
+    for full_well, saturated in ((20_000.0, True), (1e9, False)):
+        charge = np.minimum(rng.poisson(electrons), full_well)
+        image = 16 * np.rint(64 + 0.1 * charge + 2 * rng.normal(size=charge.shape))
+        found = estimate_noise(image.astype(np.uint16)).saturation_dn
+        assert found == (pytest.approx(16 * 2064, abs=16) if saturated else np.inf)
