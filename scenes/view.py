@@ -64,7 +64,7 @@ class View:
 
     @cached_property
     def translation_m(self) -> FloatArray:
-        """Marker's origin in the camera frame, (3,) [m]: at the range along the optical axis, and as far beside it as the target says."""
+        """Marker's origin in the camera frame, (3,) [m]: at the range along the axis, and beside it as the target says."""
         return np.array([self.target.offset_x_m, self.target.offset_y_m, self.range_m])
 
     @cached_property

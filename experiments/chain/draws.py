@@ -1,7 +1,7 @@
 """Draws of a scenario's geometry: what differs from one approach to the next, and no frame shares with another.
 
-A rate over frames of one pose says how that pose does under noise. Frames that differ in place, turn, tilt and crinkle say how the
-system does; only these are independent trials.
+A rate over frames of one pose says how that pose does under noise. Frames that differ in place, turn, tilt and crinkle say how
+the system does. Only these are independent trials.
 """
 
 from __future__ import annotations
@@ -22,8 +22,12 @@ _CLEAR = 0.1
 def geometry_draw(scenario: Scenario, index: int) -> Scenario:
     """The scenario with another geometry: place in the field, roll, tilt and crinkle, by its seed and the draw's number.
 
-    The place is uniform over the middle half of the field that is free for the whole marker, and so is uniform within a pixel; the
-    roll is uniform over all angles, the tilt over a cone of 3 deg about the scenario's own, and the foil crinkles anew.
+    The place is uniform over the middle half of the field that is free for the whole marker, and so is uniform within a pixel.
+    The roll is uniform over all angles, the tilt over a cone of 3 deg about the scenario's own, and the foil crinkles anew.
+
+    Args:
+        scenario: about which the draws are made.
+        index: of the draw; the same gives the same geometry.
     """
     rng = np.random.default_rng((scenario.seed, round(scenario.range_m * 1e6), 7, index))
     target = scenario.target
@@ -41,7 +45,7 @@ def geometry_draw(scenario: Scenario, index: int) -> Scenario:
 
 
 def free_field_m(scenario: Scenario) -> FloatArray:
-    """How far (2,) the marker's centre may lie off the axis, along the image's rows and columns, whole in the frame at any roll [m].
+    """How far (2,) the marker's centre may lie off the axis, along rows and columns, and be whole in the frame at any roll [m].
 
     At least a pixel's width, so that the place within a pixel is drawn even where the frame has no room.
     """

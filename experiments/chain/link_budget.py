@@ -60,7 +60,7 @@ class LinkBudget:
         }
 
     def _noise_electrons(self, level: float) -> float:
-        """Noise beside shot noise of a pixel at a level: read noise, quantisation, and the sensor's non-uniformity [electrons]."""
+        """Noise beside shot noise of a pixel at a level [electrons]: read noise, quantisation, and non-uniformity."""
         sensor = self.sensor
         return float(np.sqrt(sensor.total_noise_electrons**2 + sensor.dsnu_electrons**2 + (sensor.prnu * level) ** 2))
 
