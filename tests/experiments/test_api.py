@@ -118,8 +118,8 @@ def test_an_exposure_that_no_scenario_may_have_is_refused() -> None:
 
 
 def test_a_closing_set_of_parameters_is_found_without_rendering() -> None:
-    found = api.close(None, "close.ranges_m=[2.0, 10.0, 20.0]", quick=True)
-    assert found.lead is not None
+    found = api.close(None, "close.ranges_m=[2.0, 10.0, 20.0]", quick=True, render=False)
+    assert found.recommended is not None
     assert found.constraints.ranges_m == (2.0, 10.0, 20.0)
 
 

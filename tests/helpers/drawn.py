@@ -43,7 +43,16 @@ def _numbers(axis: Axis) -> list[str]:
 
 
 def _shares_label(axes: Axes, axis: Axis) -> bool:
-    """Whether the figure has one label for all axes in this direction, with a unit."""
-    figure = axes.get_figure(root=True)
-    text = figure.get_supxlabel() if axis.axis_name == "x" else figure.get_supylabel()
-    return "[" in text
+    """Whether the figure has one label for all axes in this direction, or the column or row one at its end, with a unit."""
+    figure, place = axes.get_figure(root=True), axes.get_subplotspec()
+    across = axis.axis_name == "x"
+    if "[" in (figure.get_supxlabel() if across else figure.get_supylabel()):
+        return True
+    for other in figure.axes:
+        there = other.get_subplotspec()
+        if place is None or there is None:
+            continue
+        beside = there.colspan == place.colspan if across else there.rowspan == place.rowspan
+        if beside and "[" in (other.get_xlabel() if across else other.get_ylabel()):
+            return True
+    return False

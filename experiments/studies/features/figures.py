@@ -26,7 +26,7 @@ def scatter_figure(data: xr.Dataset) -> Figure:
     for axis, (name, ratio) in zip(axes.ravel(), ratios(data).items(), strict=True):
         _lines(axis, data.range_m, ratio, "pitch_deg", "pitch {:g}°")
         axis.axhline(RATIO, color=BLACK, linestyle="--", linewidth=0.8)
-        axis.set(title=name, ylabel="scatter / bound", yscale="log")
+        axis.set(title=name, ylabel="scatter / bound [–]", yscale="log")
         _plain_ticks(axis, (0.5, 1, 1.5, 2, 3, 5, 10, 20), ratio.values)
     for axis in axes[1]:
         axis.set_xlabel("range [m]")
@@ -106,7 +106,7 @@ def detection_figure(found: xr.Dataset) -> Figure:
                 )
             k += 1
     axes[0, 0].set(xlabel="pixels per bit [px]", ylabel="found [%]")
-    axes[0, 1].set(xlabel=f"contrast-to-noise ratio at {found.attrs['px_per_bit_of_cnr']:g} px/bit", xscale="log")
+    axes[0, 1].set(xlabel=f"contrast-to-noise ratio at {found.attrs['px_per_bit_of_cnr']:g} px/bit [–]", xscale="log")
     ticks = [float(c) for c in found.cnr.values]
     axes[0, 1].set_xticks(ticks, [f"{t:g}" for t in ticks])
     axes[0, 1].minorticks_off()

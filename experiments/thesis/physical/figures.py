@@ -58,7 +58,7 @@ def yaw(frames: xr.Dataset, scale: str, project: str) -> Plot:
             axis.set_title(f"{ILLUMINATION_NAMES[str(illumination)]}, pass {passing}, {height:g} m up", fontsize=8)
         row[0].set_ylabel("yaw [°]")
     for axis in axes[-1]:
-        axis.set_xlabel("frame number")
+        axis.set_xlabel("frame number [–]")
     handles, labels = axes[-1, -1].get_legend_handles_labels()
     plot.legend(handles, labels, loc="outside lower center", ncols=5, fontsize=8, markerscale=1.5)
     return plot
@@ -150,12 +150,12 @@ def lamp_and_lens(levels: xr.Dataset, sharpness: xr.Dataset) -> Plot:
         look = {"marker": MARKERS[k], "color": COLOURS[str(by)], "label": METHODS[str(by)]}
         axes[0, 1].plot(sharpness.psf_sigma_px, blobs, **look)
     axes[0, 0].set(
-        xscale="log", xlabel="illuminance of the lamp [lx]", ylabel="blobs found of four, mean", ylim=(-0.2, 4.2)
+        xscale="log", xlabel="illuminance of the lamp [lx]", ylabel="blobs found of four, mean [–]", ylim=(-0.2, 4.2)
     )
     axes[0, 0].set_title(f"beside the camera: up to {NEAR_PHASE_DEG:g}° from it", fontsize=8)
     axes[0, 1].set(
         xlabel="standard deviation of the lens's point spread [px]",
-        ylabel="blobs found of four",
+        ylabel="blobs found of four [–]",
         ylim=(-0.2, 4.2),
         yticks=range(5),
     )

@@ -66,7 +66,7 @@ def _panel(axis: Axes, title: str, placed: Levels) -> None:
             axis.text(
                 x, y, str(k + 1), color="white" if filled else BLACK, fontsize=7.5, ha="center", va="center_baseline"
             )
-    axis.set(xlim=(0.5, 3.5), ylim=(0.5, LEVELS + 0.5), xlabel="severity level", xticks=[1, 2, 3])
+    axis.set(xlim=(0.5, 3.5), ylim=(0.5, LEVELS + 0.5), xlabel="severity level [–]", xticks=[1, 2, 3])
     axis.set_yticks(range(1, LEVELS + 1), [_ROWS[k] for k in range(1, LEVELS + 1)], fontsize=7.5)
     axis.hlines(np.arange(1.5, LEVELS + 0.5), 0.5, 3.5, color="white", lw=1)
     axis.vlines([1.5, 2.5], 0.5, LEVELS + 0.5, color="white", lw=1)

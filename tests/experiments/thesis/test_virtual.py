@@ -128,7 +128,7 @@ def test_each_failure_mode_is_told_from_the_others(scenario: Scenario) -> None:
 
 def test_blobs_that_left_their_openings_are_not_asked_for(scenario: Scenario) -> None:
     """Rationale: virtual lines lie a quarter of an element off its middle, half of it deep: blobs leave at atan ½ = 26.6°."""
-    there = {pitch: truth_of(scenario, "improved", pitch).blobs() for pitch in (-40.0, 0.0, 40.0)}
+    there = {pitch: truth_of(scenario, "improved", pitch).blobs_in_openings for pitch in (-40.0, 0.0, 40.0)}
     assert there[0.0] == frozenset(ELEMENT_NAMES)
     assert len(there[-40.0]) == len(there[40.0]) == 3
     assert {"top", "bottom"} <= there[-40.0] & there[40.0]
