@@ -41,6 +41,11 @@ class Detection:
         """True where the marker was decoded with the right identity and its corners were found."""
         return self.features.detected
 
+    @property
+    def usable(self) -> bool:
+        """True where the marker was found with a pose that is not ambiguous: what a verdict counts."""
+        return self.detected and self.pose is not None and not self.pose.ambiguous
+
 
 @dataclass(frozen=True)
 class FaceDetection:

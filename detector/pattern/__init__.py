@@ -5,5 +5,6 @@ __all__ = [
     "corner_fit",
     "corners",
     "decode",
+    "find",
     "pattern",
 ]

@@ -79,7 +79,7 @@ def solve_pose(features: Features, marker: MarkerDesign, camera: Camera) -> Pose
     problem = problem._replace(blob_sigma_px=np.hypot(problem.blob_sigma_px, CORNER_DOUBT_PX))
     doubted = _from_first(problem, marker)
     contradicts = doubted is None or _probability(doubted, problem) < CONTRADICTION
-    return replace(pose, ambiguous=pose.ambiguous or contradicts)
+    return replace(pose, ambiguous=bool(pose.ambiguous or contradicts))
 
 
 def _from_first(problem: Problem, marker: MarkerDesign) -> Pose | None:
@@ -167,4 +167,4 @@ def best_pose(problem: Problem, rotations: FloatArray, translations: FloatArray)
     if _probability(pose, problem) < UNLIKELY:
         pose = replace(pose, covariance=pose.covariance * reduced)
     widest = float(np.linalg.eigvalsh(pose.covariance[:3, :3])[-1])
-    return replace(pose, ambiguous=ambiguous or AMBIGUOUS_CHI2 * widest > DISTINCT_RAD**2)
+    return replace(pose, ambiguous=bool(ambiguous or AMBIGUOUS_CHI2 * widest > DISTINCT_RAD**2))

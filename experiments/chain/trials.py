@@ -19,7 +19,6 @@ from experiments.chain.case import Case
 from experiments.chain.detection import detect, pose_errors
 from experiments.chain.exposure import camera_pattern, expose
 from experiments.chain.link_budget import LinkBudget
-from experiments.chain.statistics import percentile
 from radiometry.geometry import FloatArray
 
 #: Rows and columns of some pixels.
@@ -43,7 +42,7 @@ VARIABLES: dict[str, tuple[str, str]] = {
     "full_well_fraction": ("1", "expected signal of a bright bit over the usable well"),
     "saturated_fraction": ("1", "share of bright-bit pixels that saturate"),
     "smear_px": ("pixel", "motion of the target during the exposure"),
-    "detected_fraction": ("1", "share of frames in which the marker is found"),
+    "detected_fraction": ("1", "share of frames with a usable pose: marker found, pose not ambiguous"),
     "attitude_error_p95_deg": ("degree", "95th percentile of the attitude error"),
     "range_error_p95": ("1", "95th percentile of the range error over range"),
 }
@@ -120,7 +119,9 @@ def _draw_exposure(case: Case, rate: FloatArray, seconds: float, bright: Pixels,
         detections.append(detect(belief, frame))
     assert first is not None
     errors = np.array([pose_errors(scenario, s.pose) for s in detections])
-    found = np.array([s.features.detected for s in detections])
+    found = np.array([s.usable for s in detections])
+    # A frame without a usable pose is as far off as can be: it must not drop out of the percentile.
+    counted = np.where(found[:, None], errors, np.inf)
     ceiling = (sensor.saturation_dn - sensor.offset_dn) * sensor.gain_electrons_per_dn
     saturated = float(np.mean(signal >= ceiling - 4 * sensor.total_noise_electrons))
     stated = [s.pose.covariance for s in detections if s.pose is not None]
@@ -128,8 +129,8 @@ def _draw_exposure(case: Case, rate: FloatArray, seconds: float, bright: Pixels,
         **_noise_statistics(signal, background, saturated, _pattern_variance(case, signal, bright, background, dark)),
         "saturated_fraction": saturated,
         "detected_fraction": float(found.mean()),
-        "attitude_error_p95_deg": percentile(np.degrees(errors[:, 0]), 95),
-        "range_error_p95": percentile(errors[:, 1], 95),
+        "attitude_error_p95_deg": _percentile95(np.degrees(counted[:, 0])),
+        "range_error_p95": _percentile95(counted[:, 1]),
     }
     return Trials(
         values=values,
@@ -158,6 +159,12 @@ def _pattern_variance(
         deviation = pattern.prnu[pixels].astype(float) * level + pattern.dsnu_electrons[pixels]
         found.append(float(np.mean(deviation**2)))
     return found[0], found[1]
+
+
+def _percentile95(values: FloatArray) -> float:
+    """95th percentile: the error that 95 % of the frames do not exceed; NaN where a frame without a usable pose stands there."""
+    found = float(np.percentile(values, 95, method="inverted_cdf"))
+    return found if np.isfinite(found) else np.nan
 
 
 def _electrons(sensor: Sensor, dn: NDArray[np.uint16]) -> NDArray[np.float32]:

