@@ -10,7 +10,7 @@ from experiments.chain import Detection
 
 
 def as_record(seen: Detection) -> dict[str, Any]:
-    """Plain data: detected, id, corners_px, blobs_px, virtual_points_px, pose or null, reason."""
+    """Plain data: detected, id, corners_px, blobs_px, virtual_points_px, pose or null, blur_px, blur_deviation_px, reason."""
     features, pose = seen.features, seen.pose
     reason = features.reason
     if features.detected and pose is None:
@@ -29,6 +29,8 @@ def as_record(seen: Detection) -> dict[str, Any]:
             "covariance": pose.covariance.tolist(),
             "ambiguous": pose.ambiguous,
         },
+        "blur_px": features.blur_px,
+        "blur_deviation_px": features.blur_deviation_px,
         "reason": reason,
     }
 

@@ -18,7 +18,17 @@ from experiments.scenario import Scenario
 from scenes.marker import ELEMENT_NAMES
 from scenes.render.transport import TransportBasis
 
-KEYS = {"detected", "id", "corners_px", "blobs_px", "virtual_points_px", "pose", "reason"}
+KEYS = {
+    "detected",
+    "id",
+    "corners_px",
+    "blobs_px",
+    "virtual_points_px",
+    "pose",
+    "blur_px",
+    "blur_deviation_px",
+    "reason",
+}
 
 
 @pytest.fixture(scope="module")
