@@ -61,10 +61,10 @@ def _command(name: str, command: click.Command, above: click.Context) -> Iterato
 
 def scenario_keys(_: Path) -> str:
     """A table of keys for each section of a scenario file, from its JSON schema."""
-    from experiments.scenario.keys import Section, scenario_keys, sections
+    from experiments.scenario.keys import KeySection, scenario_keys, sections
 
     text = []
-    for section in (Section("", "", True, ()), *sections()):
+    for section in (KeySection("", "", True, ()), *sections()):
         text.append(f"\n## `[{section.name}]`\n" if section.name else "\n## Top of the file\n")
         if section.about:
             text.append(f"{section.about}{'' if section.present else ' Absent by default.'}\n")

@@ -46,7 +46,7 @@ class Key:
 
 
 @dataclass(frozen=True)
-class Section:
+class KeySection:
     """A table of a scenario file: its name, what it describes, whether it is there by default, and its presets."""
 
     name: str
@@ -70,7 +70,7 @@ def scenario_keys() -> tuple[Key, ...]:
 
 
 @cache
-def sections() -> tuple[Section, ...]:
+def sections() -> tuple[KeySection, ...]:
     """Every section, in the order of the model."""
     schema, found = json_schema(), []
     for name, part in schema["properties"].items():
@@ -78,7 +78,7 @@ def sections() -> tuple[Section, ...]:
         if section is not None:
             preset = section["properties"].get("preset", {}).get("enum", [])
             about = section.get("description", "").split("\n\n")[0].replace("\n", " ")
-            found.append(Section(name, about, part.get("default") is not None or "anyOf" not in part, tuple(preset)))
+            found.append(KeySection(name, about, part.get("default") is not None or "anyOf" not in part, tuple(preset)))
     return tuple(found)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from experiments.scenario.keys import Key, Section, scenario_keys, sections
+from experiments.scenario.keys import Key, KeySection, scenario_keys, sections
 from experiments.scenario.presets import expand
 from experiments.scenario.toml import toml_text
 
@@ -45,7 +45,7 @@ def _keys(section: str) -> list[Key]:
     return [key for key in scenario_keys() if key.section == section]
 
 
-def _preset_line(section: Section, chosen: str | None) -> str:
+def _preset_line(section: KeySection, chosen: str | None) -> str:
     text = f'preset = "{chosen}"' if chosen else f'# preset = "{section.presets[0]}"'
     return f"{text:<{_COLUMN}} # {' | '.join(section.presets)}: fills the section; keys written beside it win"
 
