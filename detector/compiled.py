@@ -97,8 +97,10 @@ def normal_cdf(z: float) -> float:
 
 @wide_kernel
 def add_products(slopes, weight, residual, used, normal, rhs) -> None:
-    """Add Jᵀ W J to the lower triangle of `normal` (n, n) and Jᵀ W r to `rhs` (n,), from the first `used` columns of `slopes`
-    (n, m), `weight` (m,) and `residual` (m,)."""
+    """Add Jᵀ W J to the lower triangle of `normal` (n, n) and Jᵀ W r to `rhs` (n,).
+
+    They come from the first `used` columns of `slopes` (n, m), `weight` (m,) and `residual` (m,).
+    """
     weighted = np.empty(used)
     for i in range(len(rhs)):
         for p in range(used):

@@ -117,6 +117,11 @@ def detect_face(
     """Find every marker of a face in an image and solve the face's pose from each and from all; arguments as `detect`.
 
     Args:
+        image: (height, width) digital numbers or electrons.
+        camera: its size must be the image's.
+        sensor: where the image can be its, its noise is known.
+        noise: of the image, where it is known otherwise.
+        led_ring_radius_m: radius of the LED ring about the lens; None where it is not known [m].
         placed: each marker of the face with the place of its centre there [m].
 
     Raises:

@@ -79,6 +79,7 @@ def calibrate_elements(
     the search starts, not added to the result.
 
     Args:
+        marker: the design at hand, where the search starts.
         observations: features of each image; those without corners or blobs are passed over.
         camera: of the images; its distortion is heeded.
         poses: known pose of each image, as exact; absent, they are solved along.

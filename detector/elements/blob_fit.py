@@ -271,8 +271,10 @@ def search_positions(view, readings, starts, level):
 
 @kernel
 def descend(view, readings, blob, pitch, level):
-    """Gauss–Newton steps of a blob's position, no longer than half a pitch each, until it settles: the position, then what
-    `blob_step` tells of the last step."""
+    """Gauss–Newton steps of a blob's position until it settles, none longer than half a pitch.
+
+    Gives the position, then what `blob_step` tells of the last step.
+    """
     last = blob_step(view, readings, blob, 0.05 * pitch, level)
     for _ in range(MAX_STEPS):
         step = min(max(last[0], -0.5 * pitch), 0.5 * pitch)
@@ -285,8 +287,9 @@ def descend(view, readings, blob, pitch, level):
 
 @kernel
 def blob_step(view, readings, blob, delta, level):
-    """Gauss–Newton step of a blob's position, its variance, chi-square before, chi-square without a blob, and the number of
-    readings that pull.
+    """Gauss–Newton step of a blob's position, and how good the fit is.
+
+    Gives the step, the position's variance, chi-square before, chi-square without a blob, and the number of readings that pull.
 
     The noise is that of `level` (c,), which then gets the levels' optimum at the position.
     """

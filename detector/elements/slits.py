@@ -141,8 +141,10 @@ def blur_taps(blur, cells_per_sigma):
 
 @kernel
 def blurred_cells(numbers, slit_count, beside, blob, step, taps):
-    """Light of a blob in cells (n,) along the element, blurred by taps; 1 is fully lit floor. The grid is centred on the
-    element's middle and reaches beyond its ends; so the place of cell k is (k + 0.5 − n/2) cells from there."""
+    """Light of a blob in cells (n,) along the element, blurred by taps; 1 is fully lit floor.
+
+    The grid is centred on the element's middle and reaches beyond its ends, so cell k lies (k + 0.5 − n/2) cells from there.
+    """
     length, reach = slit_count * numbers[1], len(taps) // 2
     cells = math.ceil(length / step) + 2 * reach + 4
     lit, blurred = np.empty(cells), np.zeros(cells)

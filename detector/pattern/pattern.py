@@ -93,8 +93,10 @@ def image_of(matrix: FloatArray, x: float, y: float) -> tuple[float, float]:
 
 @inlined
 def plane_point(inverse: FloatArray, u: float, v: float) -> tuple[float, float, float, float, float, float, float]:
-    """Plane point of an image position through an inverse homography: x, y, the projective depth of the forward map, and the
-    derivatives ∂x/∂u, ∂x/∂v, ∂y/∂u, ∂y/∂v [1/px]."""
+    """Plane point of an image position through an inverse homography.
+
+    Gives x, y, the projective depth of the forward map, and the derivatives ∂x/∂u, ∂x/∂v, ∂y/∂u, ∂y/∂v [1/px].
+    """
     w = 1.0 / (inverse[2, 0] * u + inverse[2, 1] * v + inverse[2, 2])
     x = (inverse[0, 0] * u + inverse[0, 1] * v + inverse[0, 2]) * w
     y = (inverse[1, 0] * u + inverse[1, 1] * v + inverse[1, 2]) * w
@@ -308,8 +310,10 @@ def _touch(rectangle, x, y, reach_x, reach_y, touched) -> None:
 
 @kernel
 def _sides(matrix, reach, margin_px):
-    """The four sides (4, 3) of a plane's square |x|, |y| <= reach in the image, moved inwards by a margin: pixels (u, v) with
-    a u + b v >= c for every row lie inside. And its area [px²], NaN where it is none."""
+    """The four sides (4, 3) of a plane's square |x|, |y| <= reach in the image, moved inwards by a margin, and its area [px²].
+
+    Pixels (u, v) with a u + b v >= c for every row lie inside. The area is NaN where the square is none.
+    """
     corners, sides, area = np.empty((4, 2)), np.empty((4, 3)), 0.0
     for k in range(4):
         corners[k, 0], corners[k, 1] = image_of(matrix, SQUARE[k, 0] * reach, SQUARE[k, 1] * reach)

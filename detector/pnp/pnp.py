@@ -3,7 +3,7 @@
 Every solver takes points (n, m, 3) [m] in the marker frame, pixels (n, m, 2), visible (n, m) and a camera, and returns
 rotations (n, 3, 3) and translations (n, 3) [m], marker to camera; NaN where it found no pose.
 
-References
+References:
 ----------
 Terzakis and Lourakis, "A consistently fast and globally optimal solution to the PnP problem" (SQPnP), ECCV 2020.
 Collins and Bartoli, "Infinitesimal plane-based pose estimation" (IPPE), IJCV 109 (2014) 252-286.

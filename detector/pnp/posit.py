@@ -1,6 +1,6 @@
 """POSIT and SoftPOSIT: pose by iterated scaled orthography, with known and with unknown correspondences.
 
-References
+References:
 ----------
 [1] DeMenthon and Davis, "Model-based object pose in 25 lines of code", IJCV 15 (1995) 123-141.
 [2] Oberkampf, DeMenthon and Davis, "Iterative pose estimation using coplanar feature points", CVIU 63 (1996) 495-511.

@@ -193,6 +193,10 @@ def corner_bound(
     light its brightness and its place, for where a blob stands says nothing of the corners.
 
     Args:
+        fine: the frame on sub-pixels, before the lens's blur.
+        marker: its design.
+        exposure: exposure, dark charge and noise.
+        shift_px: sub-pixel shift of the frame [px].
         corners_px: true corners (4, 2) in the frame, without the shift.
     """
     corners = np.asarray(corners_px, float)
@@ -226,7 +230,14 @@ def blob_bound(
     Nuisance: brightness of the blob, of the pattern and of what lies outside the marker, and the absorber's level.
 
     Args:
-        before, after: the same frame with the blob `step_m` earlier and later along the element, openings where they are.
+        fine: the frame on sub-pixels, before the lens's blur.
+        marker: its design.
+        exposure: exposure, dark charge and noise.
+        shift_px: sub-pixel shift of the frame [px].
+        before: the same frame with the blob `step_m` earlier along the element, the openings where they are.
+        after: the same with the blob as much later.
+        step_m: of the blob [m].
+        element: whose blob it is.
         corners_px: true corners (4, 2) of the ArUco in the frame, without the shift.
     """
     half = marker.aruco_m / 2
@@ -303,6 +314,11 @@ def pose_bound(
     side or range, which must be rendered. Nuisance: brightness of the pattern and of each element, and background.
 
     Args:
+        fine: the frame on sub-pixels, before the lens's blur.
+        marker: its design.
+        exposure: exposure, dark charge and noise.
+        shift_px: sub-pixel shift of the frame [px].
+        orbit: the marker from either side and range.
         camera: of the frame, undistorted, with the principal point in its middle.
         translation_m: (3,) of the marker, on the optical axis.
         corners_px: true corners (4, 2) of the ArUco in the frame, without the shift.

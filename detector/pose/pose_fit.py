@@ -176,8 +176,9 @@ def exponential(omega):
 
 @kernel
 def first_poses(problem, half_m, rotations, translations) -> None:
-    """Both poses (2, 3, 3) and (2, 3) to start from: those of IPPE; or the one that blobs along both axes point at, and the one
-    of IPPE's that is further from it.
+    """Both poses (2, 3, 3) and (2, 3) to start from.
+
+    They are those of IPPE; or the one that blobs along both axes point at, and the one of IPPE's that is further from it.
 
     IPPE: Collins and Bartoli, "Infinitesimal plane-based pose estimation", IJCV 109 (2014), from the homography's derivative at
     the marker's centre.

@@ -101,6 +101,7 @@ def write_dataset(
     figures. The directory appears whole or not at all.
 
     Args:
+        sensor: that is characterised.
         directory: must not exist, or be empty.
         seed: of the camera's fixed pattern and of every frame.
         wavelength_nm: at which the quantum efficiency is taken and the irradiance is stated [nm].

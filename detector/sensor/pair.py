@@ -30,6 +30,9 @@ def difference(
     shift's kernel, of the second. Where either is clipped, the difference says nothing: infinite variance.
 
     Args:
+        on: the frame with the LEDs.
+        off: the frame without them.
+        scale: factor on the frame that is subtracted.
         noise: of one frame; both are of one camera. `pair_noise` estimates it where it is not known.
         motion_px: motion (2,) of the image from the first frame to the second, which is shifted back by it; None is none.
 

@@ -177,6 +177,8 @@ def fixed_pattern(sensor: Sensor, shape: tuple[int, int], rng: np.random.Generat
     Hot pixels stand in the map of the dark signal, dead ones in that of the response, at −1.
 
     Args:
+        sensor: gives the strengths.
+        rng: the camera's own generator.
         shape: (height, width) of the detector.
     """
     prnu = rng.standard_normal(shape, np.float32) * np.float32(sensor.prnu)
@@ -202,6 +204,7 @@ def expose(
     DSNU is an offset of the dark signal: it carries no shot noise, takes no room in the well and may be negative.
 
     Args:
+        sensor: that is exposed.
         electrons_per_s: (H, W) mean photo-electron rate, quantum efficiency included [e-/s].
         exposure_s: integration time [s].
         rng: the frame's generator; the same state gives the same frame.

@@ -274,7 +274,7 @@ def test_modules_say_what_they_are_for(package: str, module: str) -> None:
 
 
 #: Packages whose calls name their arguments and whose layout is the formatter's alone.
-PLAIN = ("radiometry", "materials", "scenes", "experiments")
+PLAIN = ("radiometry", "materials", "scenes", "detector", "experiments")
 #: More arguments than this by position and a reader has to count them.
 MOST_POSITIONAL = 6
 PLAIN_MODULES = [module for package, module in ALL if package in PLAIN]
